@@ -18,7 +18,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 from mbocp._json_schema import json_schema_of
-from mbocp._measured import Measured
+from mbocp._measured import KeyUnits
 
 NO_KIND = "no_kind"  # pydantic's errors of values that are of none of the kinds that a key takes
 _LINK = re.compile(r"\[([^\]]+)\]\([^)]+\)")
@@ -193,7 +193,7 @@ def row_of(name: str, keys: Mapping[str, Key]) -> str | None:
     return next((first for first, key in keys.items() if name in (first, *key.beside)), None)
 
 
-class Declared(BaseModel):
+class KeyGroup(BaseModel):
     """Some keys of a table, each declared."""
 
     model_config = ConfigDict(defer_build=True)
@@ -206,8 +206,8 @@ class Declared(BaseModel):
             row = row_of(name, keys)
             kinds = () if get_origin(info.annotation) is dict else get_args(info.annotation)
             if row is not None and str not in (info.annotation, *kinds):
-                others = [item for item in info.metadata if not isinstance(item, Measured)]
-                measured = Measured(keys[row].unit_of(name, row))
+                others = [item for item in info.metadata if not isinstance(item, KeyUnits)]
+                measured = KeyUnits(keys[row].unit_of(name, row))
                 info.metadata = [*others, measured] if measured.is_known else others
 
     @classmethod
@@ -229,7 +229,7 @@ class Declared(BaseModel):
         return found
 
 
-class Table(Declared):
+class Table(KeyGroup):
     """A table of a problem file: keys that it does not have are refused."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, defer_build=True)

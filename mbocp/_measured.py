@@ -21,19 +21,19 @@ _OF_NUMBER = "those of the number"  # how a key is declared whose unit is that o
 
 
 @dataclass(frozen=True)
-class Measured:
+class KeyUnits:
     """That a key takes numbers with units, too.
 
     Attributes
     ----------
     unit : str
         As the key is declared: "m", or several as "m, rad"; "rad/s; N m" are those of two columns.
-    parts : tuple of (str, Measured)
+    parts : tuple of (str, KeyUnits)
         Keys of a table in the key's place that have other units.
     """
 
     unit: str
-    parts: tuple[tuple[str, Measured], ...] = ()
+    parts: tuple[tuple[str, KeyUnits], ...] = ()
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ class Measured:
             value.units = self.units
             return value
         if ";" in self.unit and isinstance(value, list) and all(isinstance(row, list) for row in value):
-            columns = [Measured(unit) for unit in self.unit.split("; ")]
+            columns = [KeyUnits(unit) for unit in self.unit.split("; ")]
             return [
                 [one.plain(one.check(entry, f" in row {n}")) for entry, one in zip(row, cycle(columns))]
                 for n, row in enumerate(value)
@@ -160,7 +160,7 @@ def in_unit(value: Any, metadata: Iterable[Any], unit: str, name: str) -> Any:
     """
     if isinstance(value, list):
         return [in_unit(entry, metadata, unit, name) for entry in value]
-    units = next((item.units for item in metadata if isinstance(item, Measured)), ())
+    units = next((item.units for item in metadata if isinstance(item, KeyUnits)), ())
     if isinstance(value, Quantity):
         value.units = units
         return plain_number(value, units[0] if len(units) == 1 else unit, name)

@@ -30,7 +30,7 @@ from mbocp.problem.obstacles.reserves import (
     with_room,
     with_rows_and_room,
 )
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.solution import Solution
 from mbocp.solution.later import is_there, retold
 from mbocp.solution.read_solution import Attempt
@@ -63,7 +63,7 @@ class ClearOfObstacles:
                 raise
             found = _out_of_time(before.pop(), end)
         solution = _with_room_told(_count(before, job.read(found)), near.problem)
-        return _Clearing(job, near.problem, found, solution).run()
+        return _ClearanceRounds(job, near.problem, found, solution).run()
 
     def _solve(self, job: Job, near: Job, before: list[Attempt]) -> tuple[Job, Attempt]:
         """Solve with all rows that it takes; attempts before the last one are added to `before`."""
@@ -174,7 +174,7 @@ def _on_way(problem: Problem, seed: int, solver: SolverOptions) -> Problem | Non
 def _near(job: Job) -> Job:
     """The job with the rows and the room of its warm start, or with rows for what comes near its way."""
     problem, start = job.problem, job.start
-    if start is None or isinstance(start, Carried):
+    if start is None or isinstance(start, IterateRecord):
         return replace(job, problem=near_the_way(problem))
     carried, clearance = start.iterate, problem.clearance
     is_known = carried is not None and clearance is not None and carried.room.size == clearance.num_pairs
@@ -249,7 +249,7 @@ def _count(before: list[Attempt], solution: Solution) -> Solution:
 
 
 @dataclass(eq=False)
-class _Clearing:
+class _ClearanceRounds:
     """Solves again, with rows and room at the nodes for what the motion touches, there or between them.
 
     Attributes

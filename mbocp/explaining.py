@@ -32,7 +32,7 @@ _SMALL = 0.1  # [m, m/s, rad] by which a bound near zero is widened
 
 
 @dataclass(frozen=True, eq=False)
-class Given:
+class Remedy:
     """A kind of limit that makes the problem solvable when it gives.
 
     Parameters
@@ -58,7 +58,7 @@ class Explanation:
     ----------
     causes : tuple of Cause
         What arithmetic tells.
-    given : tuple of Given
+    given : tuple of Remedy
         Limits of which each makes the problem solvable by itself, the smallest step first; empty where
         causes are certain, or nobody looked.
     is_solvable : bool
@@ -68,7 +68,7 @@ class Explanation:
     """
 
     causes: tuple[Cause, ...]
-    given: tuple[Given, ...] = ()
+    given: tuple[Remedy, ...] = ()
     is_solvable: bool = False
     words: str = ""
 
@@ -103,13 +103,13 @@ def explain(
     return Explanation(causes, tuple(found), words="" if found else _without_all(problem, say))
 
 
-def _find_factor(problem: Problem, relaxation: Relaxation) -> Given | None:
+def _find_factor(problem: Problem, relaxation: Relaxation) -> Remedy | None:
     """Smallest factor of one kind of limit; None if it does not help."""
     solution = _relax(relaxation, relaxation.widest, None)
     if solution is None:
         return None
     if not relaxation.is_gradual:
-        return Given(
+        return Remedy(
             relaxation.kind,
             math.inf,
             "without obstacles and self_collision it is solved: they are in the way",
@@ -122,7 +122,7 @@ def _find_factor(problem: Problem, relaxation: Relaxation) -> Given | None:
             low = middle
         else:
             high, solution = middle, again
-    return Given(relaxation.kind, high, _words(problem, relaxation, high, solution))
+    return Remedy(relaxation.kind, high, _words(problem, relaxation, high, solution))
 
 
 def _relax(relaxation: Relaxation, factor: float, near: Solution | None) -> Solution | None:

@@ -16,7 +16,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.iterates import take_end_of
 from mbocp.problem import Problem
 from mbocp.problem.file.goal_table import write_goal
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.solution import Solution
 from mbocp.solution.read_solution import Attempt, read_solution
 from mbocp.solution.rest import Rest, place_at
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _SAME = 1e-9  # [rad, m]
 
-Warm: TypeAlias = Solution | Rest | Carried | None  # where to start; None: from the guess
+Warm: TypeAlias = Solution | Rest | IterateRecord | None  # where to start; None: from the guess
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,7 @@ class Job:
         What was asked for; the solution is said to be of it.
     problem : Problem
         The same with the steps, the rows and the room that it has by now.
-    start : Solution, Rest or Carried, optional
+    start : Solution, Rest or IterateRecord, optional
         A warm start; None: the problem's guess.
     deadline : float
         Time of `time.perf_counter` after which nothing is solved again.
@@ -120,7 +120,7 @@ class Job:
     @property
     def has_several_starts(self) -> bool:
         """Whether several guesses or goals are to be tried, and no more is known."""
-        is_free = not (self.rough or self.is_only or isinstance(self.start, Carried))
+        is_free = not (self.rough or self.is_only or isinstance(self.start, IterateRecord))
         return is_free and (self.problem.solver.num_starts > 1 or bool(self.problem.goals))
 
     def read(self, attempt: Attempt) -> Solution:

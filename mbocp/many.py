@@ -139,7 +139,7 @@ def solve_many(
     base = problem_from(problem)
     changes = _changes(base, starts, goals, weights)
     check_integer("threads", 1 if threads is None else threads, 1)
-    collected = _Collected(base, changes)
+    collected = _Rows(base, changes)
     with _in_problem(0):
         first = base.with_(**changes[0])
     formulation, _ = formulate_with_independent_ends(first, math.inf)
@@ -289,7 +289,7 @@ class _Found(NamedTuple):
     iterate: Iterate
 
 
-class _Collected:
+class _Rows:
     """Rows of `Motions`, as they come."""
 
     def __init__(self, problem: Problem, changes: tuple[Mapping[str, Any], ...]) -> None:
@@ -332,7 +332,7 @@ class _Batch:
         self,
         formulation: Formulation,
         changes: tuple[Mapping[str, Any], ...],
-        collected: _Collected,
+        collected: _Rows,
         threads: int,
     ) -> None:
         self._formulation, self._changes = formulation, changes

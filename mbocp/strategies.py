@@ -66,9 +66,9 @@ def strategy_for(job: Job) -> Strategy:
 
         strategy = RoomForTubes(strategy)
     if problem.accuracy is not None:
-        from mbocp.accuracy.refining import Refining
+        from mbocp.accuracy.refining import Refinement
 
-        strategy = Refining(strategy)
+        strategy = Refinement(strategy)
     if problem.excite is not None:
         from mbocp.identification.exciting import NearSpline
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.flow import Flow
-from mbocp.mechanics.held_frames import Acting
+from mbocp.mechanics.held_frames import ActiveRows
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 
@@ -141,11 +141,11 @@ def course_of(
 
 def _flows(robot: Robot, table: SwitchTable, deadline: float) -> Callable[[int], Flow]:
     """The flow of a step: one for each set of rows."""
-    known: dict[Acting, Flow] = {}
+    known: dict[ActiveRows, Flow] = {}
 
     def flow(step: int) -> Flow:
         own, rows = (np.flatnonzero(acts[step]).tolist() for acts in (table.own, table.rows))
-        acting = Acting(table.held, tuple(own), tuple(rows))
+        acting = ActiveRows(table.held, tuple(own), tuple(rows))
         if acting not in known:
             known[acting] = Flow.of(robot, acting, deadline=deadline)
         return known[acting]

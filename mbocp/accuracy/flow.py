@@ -31,7 +31,7 @@ from mbocp.accuracy.dop853 import NODES, SLOPES, WEIGHTS
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
-from mbocp.mechanics.held_frames import Acting
+from mbocp.mechanics.held_frames import ActiveRows
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.programme.native_modules import kernel
 from mbocp.robot import Robot
@@ -47,7 +47,7 @@ class Flow:
     Attributes
     ----------
     robot : Robot
-    acting : Acting or None
+    acting : ActiveRows or None
         Rows of constraints that act; None: those of the robot.
     functions : CompiledFunctions
         "rate" (q, s, u) -> dq/dt, ds/dt; "energy" (q, v) -> E; "difference" (q, q) -> tangent;
@@ -55,11 +55,11 @@ class Flow:
     """
 
     robot: Robot
-    acting: Acting | None
+    acting: ActiveRows | None
     functions: CompiledFunctions
 
     @classmethod
-    def of(cls, robot: Robot, acting: Acting | None = None, *, deadline: float = math.inf) -> Flow:
+    def of(cls, robot: Robot, acting: ActiveRows | None = None, *, deadline: float = math.inf) -> Flow:
         """Build the right-hand side, or take it from the cache.
 
         Raises
@@ -173,7 +173,7 @@ class Flow:
         return found.reshape(count, -1)
 
 
-def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:
+def _functions(robot: Robot, acting: ActiveRows | None) -> dict[str, ca.Function]:
     mechanics = ForwardMechanics(robot, acting=acting, numbers=symbols_of(robot))
     numbers = [mechanics.symbols] if robot.varying else []
     q, v = ca.SX.sym("q", mechanics.nq), ca.SX.sym("v", mechanics.nv)
@@ -193,53 +193,6 @@ def _functions(robot: Robot, acting: Acting | None) -> dict[str, ca.Function]:
         consistent = [ca.densify(mechanics.projected_velocity(q, v))]
         functions["consistent"] = ca.Function("consistent", [q, v, *numbers], consistent)
     return functions
-
-
-@lru_cache(maxsize=64)
-def _step(rate: ca.Function, size: int) -> ca.Function:
-    """One step of the method, (x, u, h, s0, ds) -> x, from the share s0 of a problem's step over ds of it.
-
-    `size`: number of the coefficients u of the controls.
-    """
-    nq, ns, nu = (rate.numel_in(i) for i in range(3))
-    x, u, h = ca.MX.sym("x", nq + ns), ca.MX.sym("u", size), ca.MX.sym("h")
-    s0, ds = ca.MX.sym("s0"), ca.MX.sym("ds")
-    blocks = ca.vertsplit(u, nu) if nu else [u]
-    slopes: list[ca.MX] = []
-    for row, c in zip(SLOPES, NODES, strict=True):
-        at = x + h * _sum(row, slopes) if slopes else x
-        share, applied = s0 + float(c) * ds, blocks[-1]
-        for block in reversed(blocks[:-1]):
-            applied = block + share * applied
-        slopes.append(ca.vertcat(*rate.call([at[:nq], at[nq:], applied])))
-    return ca.Function("step", [x, u, h, s0, ds], [x + h * _sum(WEIGHTS, slopes)])
-
-
-@lru_cache(maxsize=64)
-def _answering_step(
-    rate: ca.Function, difference: ca.Function, parts: int, size: int, width: int
-) -> ca.Function:
-    """A step of so many parts with feedback, ((x, du), x_planned, u, h, K) -> (x, du).
-
-    The state carries du, what the control at the end of the step is away from its plan.
-    """
-    nq, nv, nu = (rate.numel_in(i) for i in range(3))
-    carried = ca.MX.sym("carried", nu)
-    x, planned = ca.MX.sym("x", nq + nv), ca.MX.sym("planned", nq + nv)
-    u, h, K = ca.MX.sym("u", size), ca.MX.sym("h"), ca.MX.sym("K", size * width)
-    away = ca.vertcat(difference(planned[:nq], x[:nq]), x[nq:] - planned[nq:])
-    seen = away if width == 2 * nv else ca.vertcat(away, carried)
-    moved = ca.reshape(K, size, width) @ seen
-    answer, step, end = u + moved, _step(rate, size), x
-    for part in range(parts):
-        end = step(end, answer, h, part / parts, 1.0 / parts)
-    left = sum(ca.vertsplit(moved, nu), start=ca.MX.zeros(nu)) if nu else carried
-    return ca.Function("answered", [ca.vertcat(x, carried), planned, u, h, K], [ca.vertcat(end, left)])
-
-
-def _sum(row: Array, slopes: list[ca.MX]) -> ca.MX:
-    weighed = [(float(a), k) for a, k in zip(row, slopes, strict=False) if a]
-    return ca.horzcat(*(k for _, k in weighed)) @ ca.DM([a for a, _ in weighed])
 
 
 @lru_cache(maxsize=1)

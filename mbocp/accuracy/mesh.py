@@ -36,7 +36,7 @@ _COARSEST = 4  # of which numbers are multiples: there are half and a quarter of
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ErrorTargets:
     """What errors are to be at most.
 
     Attributes
@@ -76,7 +76,7 @@ def control_shares(us: Array, dts: Array, weights: Array) -> Array:
 
 
 def lengths_for(
-    dts: Array, errors: Array, shares: Array, wanted: Wanted, *, most: int, in_pairs: bool = True
+    dts: Array, errors: Array, shares: Array, wanted: ErrorTargets, *, most: int, in_pairs: bool = True
 ) -> Array:
     """Lengths of steps whose errors are as wanted, shape (N,), or in pairs of equal ones, shape (N / 2,).
 
@@ -90,7 +90,7 @@ def lengths_for(
         Local errors [rad, m].
     shares : ndarray, shape (N,)
         Of the steps in the error of the cost.
-    wanted : Wanted
+    wanted : ErrorTargets
     most : int
         Number of steps.
     in_pairs : bool
@@ -108,7 +108,7 @@ def lengths_for(
     return np.diff(nodes)
 
 
-def _lengths_of_cost(dts: Array, shares: Array, wanted: Wanted) -> Array:
+def _lengths_of_cost(dts: Array, shares: Array, wanted: ErrorTargets) -> Array:
     q = wanted.cost_order
     densities = shares / dts ** (q + 1)
     mean = densities @ dts / dts.sum()
@@ -158,7 +158,7 @@ class _Lengths:
         count = factor * self.num_steps
         return _Lengths(np.full(count, self.dts.sum() / count))
 
-    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
+    def next(self, dts: Array, errors: Array, shares: Array, wanted: ErrorTargets) -> _Lengths:
         """Steps whose errors, halved, are as wanted.
 
         Parameters
@@ -167,11 +167,11 @@ class _Lengths:
             Lengths of the halved steps [s].
         errors, shares : ndarray, shape (2 N,)
             Their local errors [rad, m] and shares in the error of the cost.
-        wanted : Wanted
+        wanted : ErrorTargets
         """
         return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS + 2))
 
-    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Lengths:
+    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: ErrorTargets) -> _Lengths:
         """Steps whose errors are as wanted as they are, from the same; nobody halves these or takes two."""
         return _Lengths(lengths_for(dts, errors, shares, wanted, most=MOST_STEPS, in_pairs=False))
 
@@ -210,14 +210,14 @@ class _Counts:
     def even(self, factor: int) -> _Counts:
         return _Counts(tuple(factor * count for count in self.counts), self.bases)
 
-    def next(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
+    def next(self, dts: Array, errors: Array, shares: Array, wanted: ErrorTargets) -> _Counts:
         return _multiples(np.ceil(self._need(dts, errors, shares, wanted) / 2.0), self.bases)
 
-    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> _Counts:
+    def fewest(self, dts: Array, errors: Array, shares: Array, wanted: ErrorTargets) -> _Counts:
         bases = tuple(base // _COARSEST for base in self.bases)
         return _multiples(np.ceil(self._need(dts, errors, shares, wanted)), bases)
 
-    def _need(self, dts: Array, errors: Array, shares: Array, wanted: Wanted) -> Array:
+    def _need(self, dts: Array, errors: Array, shares: Array, wanted: ErrorTargets) -> Array:
         """Numbers of steps whose errors are as wanted, which need not be whole."""
         fine = 2 * np.array(self.counts, dtype=np.float64)
         starts = np.append(0, np.cumsum(fine)[:-1]).astype(int)

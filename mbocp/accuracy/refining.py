@@ -26,7 +26,7 @@ import numpy as np
 from mbocp._arrays import dataclass
 from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
-from mbocp.accuracy.rounds import Round, accuracy_asked, is_rough, step_errors_of
+from mbocp.accuracy.rounds import Round, accuracy_targets, is_rough, step_errors_of
 from mbocp.job import Job, Strategy, Warm
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
@@ -43,7 +43,7 @@ _MOST_CHANGE = 2.0  # of what is aimed at, from one try to the next
 
 
 @dataclass(frozen=True)
-class Refining:
+class Refinement:
     """Solve with as many steps as the accuracy of a problem asks for.
 
     Attributes
@@ -108,7 +108,7 @@ class _Search:
         """Return the last solution with what is known of it."""
         if not self.rounds and self.failed is not None:
             return self.failed
-        last, asked = self.rounds[-1], accuracy_asked(self.job.problem)
+        last, asked = self.rounds[-1], accuracy_targets(self.job.problem)
         solution = with_accuracy(last.solved, last.solution, self.job.deadline)
         accuracy = replace(
             solution.accuracy, asked=asked, cost_error=last.cost_error, rounds=len(self.rounds)
@@ -189,7 +189,7 @@ def trim(found: Round, mesh: Mesh, solve: Callable[[Mesh, Solution], Solution], 
     deadline : float
         Time of `time.perf_counter` after which no solve begins.
     """
-    asked, best, worth = accuracy_asked(found.problem), found, _WORTH
+    asked, best, worth = accuracy_targets(found.problem), found, _WORTH
     most, before = _most(found), None
     step, cost = _AIM_STEP * asked, _AIM_COST * most
     for _ in range(_TRIES):
@@ -212,7 +212,7 @@ def trim(found: Round, mesh: Mesh, solve: Callable[[Mesh, Solution], Solution], 
 def _most(found: Round) -> float:
     """What a cost may be away from the limit at most, in its unit."""
     cost = found.solution.cost
-    return math.inf if is_no_cost(cost) else accuracy_asked(found.problem) * abs(cost) - found.limit.unsure
+    return math.inf if is_no_cost(cost) else accuracy_targets(found.problem) * abs(cost) - found.limit.unsure
 
 
 def _judge(found: Round, mesh: Mesh, solution: Solution, deadline: float) -> Round:

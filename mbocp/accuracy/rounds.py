@@ -24,7 +24,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
 from mbocp.accuracy.errors import StepErrors, motion_of, step_errors
-from mbocp.accuracy.mesh import Mesh, Wanted, control_shares
+from mbocp.accuracy.mesh import ErrorTargets, Mesh, control_shares
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -110,16 +110,16 @@ class Round:
     @property
     def has_cost(self) -> bool:
         """Whether its cost is exact enough."""
-        return self.sure * self.cost_error <= accuracy_asked(self.problem)
+        return self.sure * self.cost_error <= accuracy_targets(self.problem)
 
     @property
     def is_enough(self) -> bool:
         """Whether its steps are, too."""
-        return bool(self.errors.largest.max() <= accuracy_asked(self.problem)) and self.has_cost
+        return bool(self.errors.largest.max() <= accuracy_targets(self.problem)) and self.has_cost
 
     def next_mesh(self, mesh: Mesh) -> Mesh:
         """The coarser steps of the next round."""
-        asked = accuracy_asked(self.problem)
+        asked = accuracy_targets(self.problem)
         wanted = self._targets(_AIM_STEP * asked, _AIM_COST * asked * abs(self.solution.cost))
         found = mesh.next(*self._measures(), wanted)
         is_stuck = len(self.costs) > 2 and found.num_steps <= mesh.num_steps
@@ -129,9 +129,9 @@ class Round:
         """The fewest steps whose errors are these [rad, m] and, of the cost, in its unit."""
         return mesh.fewest(*self._measures(), self._targets(step, cost))
 
-    def _targets(self, step: float, cost: float) -> Wanted:
+    def _targets(self, step: float, cost: float) -> ErrorTargets:
         cost = math.inf if is_no_cost(self.solution.cost) else cost
-        return Wanted(step, SCHEMES[self.problem.scheme].order, cost, _cost_order(self.problem))
+        return ErrorTargets(step, SCHEMES[self.problem.scheme].order, cost, _cost_order(self.problem))
 
     def _measures(self) -> tuple[Array, Array, Array]:
         """Lengths of steps, their errors and shares in that of the cost; impacts and partings have none."""
@@ -177,7 +177,7 @@ def shares_of(problem: Problem, solved: Problem, solution: Solution, errors: Ste
     return shares
 
 
-def accuracy_asked(problem: Problem) -> float:
+def accuracy_targets(problem: Problem) -> float:
     """What is asked for [rad, m; part of the cost]; NaN where nothing is."""
     return math.nan if problem.accuracy is None else problem.accuracy
 

@@ -42,7 +42,7 @@ class _Output(Console):
         raise BrokenPipeError
 
 
-class _Unpadded:
+class _TrimmedStream:
     """A text stream without the blanks that fill the lines of tables."""
 
     def __init__(self, stream: IO[str]) -> None:
@@ -63,7 +63,7 @@ def output() -> Console:
     asked = os.environ.get("COLUMNS", "")
     width = int(asked) if re.fullmatch(r"[0-9]{1,5}", asked) else _PIPE_WIDTH
     return _Output(
-        file=cast("IO[str]", _Unpadded(sys.stdout)),
+        file=cast("IO[str]", _TrimmedStream(sys.stdout)),
         width=width if width in _WIDTHS else _PIPE_WIDTH,
         highlight=False,
     )

@@ -54,7 +54,7 @@ class How:
 
 
 @dataclass(frozen=True)
-class Shown:
+class RowResults:
     """What is made of the rows."""
 
     by: tuple[str, ...] | None = None
@@ -101,7 +101,7 @@ def study(
     """
     if (file is None) == (summary is None):
         raise StudyError("give a study file to run or --summary FILE.jsonl to sum up, one of the two")
-    shown = Shown(by=tuple(by) if by else None, plot=plot, csv=csv, as_json=as_json, quiet=quiet)
+    shown = RowResults(by=tuple(by) if by else None, plot=plot, csv=csv, as_json=as_json, quiet=quiet)
     shown.check()
     from mbocp.study import StudyResult
 
@@ -111,7 +111,7 @@ def study(
         _run(file, output, How(workers, scheduler, resume, overwrite), shown)
 
 
-def _run(file: Path, table: Path | None, how: How, shown: Shown) -> None:
+def _run(file: Path, table: Path | None, how: How, shown: RowResults) -> None:
     """Run a study and sum it up; Ctrl-C ends with the command that goes on."""
     if table is None:
         raise StudyError("say with -o FILE.jsonl where the rows go")
@@ -205,7 +205,7 @@ def _say_how_to_go_on(file: Path, table: Path, how: How) -> None:
     typer.echo(f"interrupted: {there}; go on with\n  {shlex.join(command)}", err=True)
 
 
-def _show(result: StudyResult, table: Path, shown: Shown) -> None:
+def _show(result: StudyResult, table: Path, shown: RowResults) -> None:
     """Print the summary and write what is asked for."""
     summary = result.summary(shown.by)
     written = []

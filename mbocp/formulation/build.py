@@ -16,7 +16,7 @@ from mbocp.formulation.end_rows import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.features.all_features import features_of
 from mbocp.formulation.features.changing_constraints import has_step_before
 from mbocp.formulation.features.easing import ease_terms, easing_weights
-from mbocp.formulation.features.feature import Asked
+from mbocp.formulation.features.feature import StepRequests
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
 from mbocp.formulation.layout import StateLayout
@@ -96,8 +96,8 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         theta=theta,
         rho=rho,
         rho_terminal=rho_terminal,
-        theta_weights=layout.weighing(layout.theta),
-        terminal_weights=layout.weighing(layout.terminal),
+        theta_weights=layout.weight_entries(layout.theta),
+        terminal_weights=layout.weight_entries(layout.terminal),
         x_start=pieces.x_start,
         bounds=bounds,
         rows_are_gaps=signature.steps.rows_are_gaps,
@@ -223,7 +223,7 @@ def signature_of(
         ends=ends,
         is_flat=is_flat,
         guarded=guarded,
-        features=features_of(problem, Asked(terms, path, ends, steps.tau)),
+        features=features_of(problem, StepRequests(terms, path, ends, steps.tau)),
         num_numbers=len(robot.varying) if steps.takes_numbers else 0,
     )
 

@@ -50,7 +50,7 @@ _NO_TIME = 0.01  # of the mean length of a step
 _SHARE = 0.05  # of the motion's largest velocity of that unit: what a scheme may leave across the constraints
 
 
-class EndMissed(NamedTuple):
+class EndMiss(NamedTuple):
     """An end condition holds beside the goal.
 
     Attributes
@@ -65,7 +65,7 @@ class EndMissed(NamedTuple):
     words: str
 
 
-def miss_of_end(formulation: Formulation, qs: Array) -> EndMissed | None:
+def miss_of_end(formulation: Formulation, qs: Array) -> EndMiss | None:
     """How a motion that meets the end condition misses the goal, or None where it is there.
 
     Parameters
@@ -84,7 +84,7 @@ def miss_of_end(formulation: Formulation, qs: Array) -> EndMissed | None:
     return _miss_of_frames(formulation, qs[-1]) if goal.poses else None
 
 
-def _miss_of_joints(formulation: Formulation, qs: Array) -> EndMissed | None:
+def _miss_of_joints(formulation: Formulation, qs: Array) -> EndMiss | None:
     goal, robot = formulation.problem.goal, formulation.problem.robot
     missing = robot.difference(goal.q, qs[-1])[goal.q_active]
     distance = float(np.linalg.norm(missing))
@@ -92,26 +92,26 @@ def _miss_of_joints(formulation: Formulation, qs: Array) -> EndMissed | None:
         return None
     turns = missing / (2.0 * np.pi)
     if not formulation.counts_turns and np.abs(turns - turns.round()).max() <= _REACHED:
-        return EndMissed(
+        return EndMiss(
             is_other_root=False,
             words="but whole turns away from goal.q: bodies do not know how often a joint has turned; start "
             "from a guess that turns as often, or take joint coordinates",
         )
     violation = constraint_violation(robot, qs[-1:], np.zeros((1, robot.nv))).position
     if violation > _OPEN * distance:
-        return EndMissed(
+        return EndMiss(
             is_other_root=False,
             words=f"but the end is {distance:.3g} off goal.q, since the scheme drifts off the loops (by "
             f"{violation:.1e} there): take more steps",
         )
-    return EndMissed(
+    return EndMiss(
         is_other_root=goal.guard,  # who takes the guard away asks for the condition as it stands
         words=f"but the end is {distance:.3g} off goal.q: the end condition, projected onto the constraints, "
         "has another root there; start from another guess",
     )
 
 
-def _miss_of_frames(formulation: Formulation, q: Array) -> EndMissed | None:
+def _miss_of_frames(formulation: Formulation, q: Array) -> EndMiss | None:
     """How the last configuration misses the poses of frames.
 
     Their rows vanish at the goal alone. Where constraints decide some of them, those are not conditions.
@@ -131,18 +131,18 @@ def _miss_of_frames(formulation: Formulation, q: Array) -> EndMissed | None:
     off = f"but {name!r} ends {1e3 * distance:.3g} mm and {np.degrees(angle):.3g} deg off its goal"
     violation = constraint_violation(robot, q[None], np.zeros((1, robot.nv))).position
     if violation > _OPEN * max(distance, angle):
-        return EndMissed(
+        return EndMiss(
             is_other_root=False,
             words=f"{off}, since the scheme drifts off the loops (by {violation:.1e} there): take more steps",
         )
-    return EndMissed(
+    return EndMiss(
         is_other_root=goal.guard,
         words=f"{off}: the end condition, projected onto the constraints, has another root there; start from "
         "another guess",
     )
 
 
-class RatesMissed(NamedTuple):
+class RateMiss(NamedTuple):
     """Velocities at the end are not those that the goal asks for.
 
     Attributes
@@ -161,7 +161,7 @@ class RatesMissed(NamedTuple):
     is_small: bool = False
 
 
-def miss_of_rates(formulation: Formulation, motion: Motion, *, is_strict: bool = True) -> RatesMissed | None:
+def miss_of_rates(formulation: Formulation, motion: Motion, *, is_strict: bool = True) -> RateMiss | None:
     """How the last velocities or momenta miss those of an exact goal, or None where they do not.
 
     Parameters
@@ -197,7 +197,7 @@ def miss_of_rates(formulation: Formulation, motion: Motion, *, is_strict: bool =
         size = abs(part[worst])
         if size > told[worst]:
             off = f"{labels[worst].name} ends {size:.3g} {labels[worst].unit} off goal.{goal.rate}"
-            return RatesMissed(is_free, f"{off}: {remedy}", is_small=bool(size <= most[worst]))
+            return RateMiss(is_free, f"{off}: {remedy}", is_small=bool(size <= most[worst]))
     return None
 
 

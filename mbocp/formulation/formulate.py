@@ -202,7 +202,7 @@ def _with_end_of(
             signature, problem.robot, deadline, at_once=problem.solver.is_interior_point
         ),
         rho_terminal=concatenate(numbers, layout.terminal),
-        terminal_weights=layout.weighing(layout.terminal),
+        terminal_weights=layout.weight_entries(layout.terminal),
         describe_row=RowDescriber(pieces, programme.bounds),
         units=replace(programme.units, terminal=of_force, end_rows=force_rows),
     )

@@ -18,15 +18,15 @@ from mbocp.formulation.motion import Motion
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.reserves import room_of
 from mbocp.programme import Iterate
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 
 _SAME = 1e-9  # relative: multipliers of steps of another length are others
 _SAME_MOTION = 1e-3  # of the largest number: rotations that left their group come back to it
 
 
-def place_iterate(formulation: Formulation, iterate: Iterate) -> Carried:
+def place_iterate(formulation: Formulation, iterate: Iterate) -> IterateRecord:
     """An iterate with all that says where it fits."""
-    carried = Carried.of(iterate, formulation.programme)
+    carried = IterateRecord.of(iterate, formulation.programme)
     problem, nothing = formulation.problem, np.zeros(0)
     return replace(
         carried,
@@ -39,7 +39,7 @@ def place_iterate(formulation: Formulation, iterate: Iterate) -> Carried:
     )
 
 
-def take_end_of(problem: Problem, carried: Carried) -> Problem:
+def take_end_of(problem: Problem, carried: IterateRecord) -> Problem:
     """A solution's problem with conditions of the end where its solve chose them."""
     if carried.q_end.size:
         is_reached = not carried.first.size  # of a robot that is found the end is none of the given robot's
@@ -50,7 +50,7 @@ def take_end_of(problem: Problem, carried: Carried) -> Problem:
 
 
 def restore(
-    carried: Carried,
+    carried: IterateRecord,
     dts: Array,
     motion: Iterate,
     formulation: Formulation,
@@ -64,7 +64,7 @@ def restore(
 
     Parameters
     ----------
-    carried : Carried
+    carried : IterateRecord
     dts : ndarray, shape (M,)
         Lengths of its steps [s].
     motion : Iterate

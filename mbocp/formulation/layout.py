@@ -20,7 +20,7 @@ class Block:
     name : str
     size : int
     is_remembered : bool
-        Whether it follows from the step that led to the state, see `Feature.following`; others have rows of
+        Whether it follows from the step that led to the state, see `Feature.next_value`; others have rows of
         their own.
     has_unit : bool
         Whether it counts in a unit of its own, which is a parameter.

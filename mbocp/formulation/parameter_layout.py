@@ -36,7 +36,7 @@ class ParameterLayout:
     terminal: Mapping[str, int]
     weights: frozenset[str] = frozenset()
 
-    def weighing(self, sizes: Mapping[str, int]) -> BoolArray:
+    def weight_entries(self, sizes: Mapping[str, int]) -> BoolArray:
         """Which entries of a vector of pieces the costs are linear in."""
         return mask(sizes, self.weights)
 

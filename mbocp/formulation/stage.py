@@ -156,7 +156,7 @@ def _rules(signature: FunctionSignature, ns: int, nu: int) -> dict[str, Feature]
 
 
 def _follow(rules: Mapping[str, Feature], step: Passage) -> dict[str, ca.SX]:
-    return {name: feature.following(name, step) for name, feature in rules.items()}
+    return {name: feature.next_value(name, step) for name, feature in rules.items()}
 
 
 @dataclass(frozen=True, eq=False)

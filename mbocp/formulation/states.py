@@ -116,7 +116,7 @@ class States:
         for feature, block in ((feature, block) for feature, block in blocks if block.is_remembered):
             taken = np.ones_like(is_impact) if block.has_impacts else ~is_impact
             before = {name: values[:-1] for name, values in known.items()} | {block.name: 0.0}
-            after = feature.following(block.name, passage(taken, before))
+            after = feature.next_value(block.name, passage(taken, before))
             begin = first.get(block.name, np.zeros(after.shape[1]))
             after = begin + np.cumsum(after, axis=0) if block.adds_up else after
             known[block.name] = np.vstack([begin, after])

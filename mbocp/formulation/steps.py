@@ -17,7 +17,7 @@ from mbocp._arrays import dataclass
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis
-from mbocp.integrators.switched import Switched
+from mbocp.integrators.switched import ActiveForces
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
 from mbocp.mechanics.held_frames import held_jacobian
 from mbocp.robot import Robot
@@ -112,7 +112,7 @@ class StepSymbols:
         Time at which the step is evaluated, where somebody asks for it [s].
     start_move : callable or None
         Controls that move the start -> move of (q, v), shape (2 nv,), where it is free.
-    switched : Switched or None
+    switched : ActiveForces or None
         What acts in the step, where constraints begin and end along the way.
     found : casadi.SX
         What numbers of the robot depend on that are found with the motion.
@@ -149,7 +149,7 @@ class StepSymbols:
     begin: ca.SX | None = None
     moment: ca.SX | None = None
     start_move: Callable[[ca.SX], ca.SX] | None = None
-    switched: Switched | None = None
+    switched: ActiveForces | None = None
     found: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
     of_found: Callable[[ca.SX], Mechanics] | None = None
     follow: Callable[[Passage], Mapping[str, ca.SX]] = lambda _: {}

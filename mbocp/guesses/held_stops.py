@@ -188,7 +188,7 @@ class _Stops:
         qs = np.tile(raw[0].q, (problem.num_steps + 1, 1))
         found, before = [raw[0]], raw[0].q
         for stop in raw[1:]:
-            q, before = _going_on(robot, found[-1].q, before, stop), stop.q
+            q, before = _stop_configuration(robot, found[-1].q, before, stop), stop.q
             ties = _Ties.at(self.table, stop.node, qs)
             if landing := self.landings.get(stop.node):
                 q = self._land(ties, landing, stop.goal)
@@ -300,7 +300,7 @@ def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
     return v - np.linalg.solve(root.T, leap)
 
 
-def _going_on(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:
+def _stop_configuration(robot: Robot, now: Array, before: Array, stop: Stop) -> Array:
     """The configuration of a stop, with the joints that nobody asks for where they are now."""
     moved, goal = np.abs(robot.difference(before, stop.q)) > 0.0, stop.goal
     if goal is not None:

@@ -25,7 +25,7 @@ from mbocp.guesses.make import none_made
 from mbocp.guesses.screening import is_better, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
 from mbocp.job import Job, settings_of
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.solution.details import StartRecord
 from mbocp.solution.read_solution import Attempt
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
@@ -52,7 +52,7 @@ def attempt(job: Job) -> Attempt:
     left_out = next(words for _, member, words in members if member is formulation)
     if not job.rough:
 
-        def solve_again(moved: Formulation, start: Carried) -> Outcome:
+        def solve_again(moved: Formulation, start: IterateRecord) -> Outcome:
             return solve_from_guesses(replace(job, start=start, brief=0), moved, phases)[0]
 
         formulation, outcome = with_rates_at_end(formulation, outcome, solve_again)
@@ -61,7 +61,7 @@ def attempt(job: Job) -> Attempt:
 
 _ROUNDS = 6  # of solving again: each leaves a tenth or less, since the end moves with the conditions
 
-Again = Callable[[Formulation, Carried], Outcome]
+Again = Callable[[Formulation, IterateRecord], Outcome]
 
 
 def with_rates_at_end(
@@ -91,7 +91,7 @@ def with_rates_at_end(
         moved = _with_end_at(known, motion.qs[-1])
         if np.array_equal(moved.end_rows.of_joints, known.end_rows.of_joints):
             break
-        carried = Carried.of(shown.result.iterate, moved.programme)
+        carried = IterateRecord.of(shown.result.iterate, moved.programme)
         none = np.zeros(moved.programme.ng)  # no multiplier of the end, whose rows are others
         after = again(moved, replace(carried, iterate=replace(carried.iterate, eta=none)))
         known, shown = moved, after.with_history((*shown.result.history, *after.result.history))
@@ -123,7 +123,7 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
     words : str
         For the guess that led to it.
     """
-    settings, tried = _settings(job, formulation), _Tried()
+    settings, tried = _settings(job, formulation), _GuessRecord()
     in_turn = guesses_in_turn(formulation, job.start)
     last = (guess for guess in last_guesses(formulation, job.start) if tried.best is None)
     for number, (kind, make) in enumerate(chain(in_turn, last)):
@@ -177,7 +177,7 @@ def _descend(
 
 
 @dataclass(eq=False)
-class _Tried:
+class _GuessRecord:
     """What the guesses so far have led to.
 
     Attributes

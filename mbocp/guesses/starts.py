@@ -20,7 +20,7 @@ from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.solution import Solution
 from mbocp.solution.rest import Rest
 
@@ -135,8 +135,10 @@ def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _
         yield "", partial(_along, formulation, words, way)
 
 
-def _warm(formulation: Formulation, start: Solution | Rest | Carried, deadline: float) -> tuple[Iterate, str]:
-    if isinstance(start, Carried):
+def _warm(
+    formulation: Formulation, start: Solution | Rest | IterateRecord, deadline: float
+) -> tuple[Iterate, str]:
+    if isinstance(start, IterateRecord):
         return start.into(formulation.programme), "what came before"
     solution, at = (start.solution, start.at) if isinstance(start, Rest) else (start, None)
     return iterate_from_solution(solution, formulation, at), "warm start from a solution"

@@ -41,7 +41,7 @@ _STRIDE = 1.0  # it changes by in one iteration, at most: the torque turns too f
 _WIDE = 30.0  # that of a base parameter by the largest of its unit
 
 
-class Measured(NamedTuple):
+class Measurements(NamedTuple):
     """What was measured at K times.
 
     Parameters
@@ -58,11 +58,11 @@ class Measured(NamedTuple):
     motion: tuple[Array, Array | None, Array | None]
     u: Array
 
-    def part(self, chosen: slice) -> Measured:
+    def part(self, chosen: slice) -> Measurements:
         """Some of the samples."""
         q, v, a = (each if each is None else each[chosen] for each in self.motion)
         assert q is not None
-        return Measured(self.t[chosen], (q, v, a), self.u[chosen])
+        return Measurements(self.t[chosen], (q, v, a), self.u[chosen])
 
 
 class Estimate(NamedTuple):
@@ -119,7 +119,7 @@ def spline_basis(t: Array, count: int) -> tuple[csr_matrix, csr_matrix, csr_matr
     return found[0].tocsr(), found[1].tocsr(), found[2].tocsr()
 
 
-def smooth(data: Measured, count: int) -> tuple[Array, Array, Array, Array]:
+def smooth(data: Measurements, count: int) -> tuple[Array, Array, Array, Array]:
     """Splines through measured positions: their values, two derivatives and residuals, each shape (K, n)."""
     B = spline_basis(data.t, count)
     gram = _bands((B[0].T @ B[0] + 1e-12 * eye(count)).tocsr(), DEGREE)
@@ -128,7 +128,7 @@ def smooth(data: Measured, count: int) -> tuple[Array, Array, Array, Array]:
     return y, yd, ydd, data.motion[0] - y
 
 
-def knots_for(data: Measured) -> int:
+def knots_for(data: Measurements) -> int:
     """Number of splines that positions ask for (Schwarz 1978)."""
     K, best, found = len(data.t), np.inf, 0
     scale = np.abs(data.motion[0]).max()
@@ -156,7 +156,7 @@ class Fit:
         dynamics: InverseDynamics,
         unknowns: Unknowns,
         base: BaseParameters,
-        data: Measured,
+        data: Measurements,
         count: int,
         *,
         offsets: bool,
@@ -412,7 +412,7 @@ def estimate(
     dynamics: InverseDynamics,
     unknowns: Unknowns,
     base: BaseParameters,
-    data: Measured,
+    data: Measurements,
     *,
     turning: Array,
     offsets: bool = False,

@@ -15,7 +15,7 @@ from mbocp.exceptions import LogError
 from mbocp.identification.advice import MOST_NAMES, ask, describe
 from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
-from mbocp.identification.likelihood import Estimate, Measured, estimate, knots_for, smooth
+from mbocp.identification.likelihood import Estimate, Measurements, estimate, knots_for, smooth
 from mbocp.identification.robot_log import Log, read_log
 from mbocp.identification.unknown_parameters import (
     BaseParameters,
@@ -272,7 +272,7 @@ def identify(
 
 def measure_log(
     log: Log, dynamics: InverseDynamics, constants: Mapping[str, float], messages: list[str]
-) -> Measured:
+) -> Measurements:
     """What a log has of the robot's independent joints and motors.
 
     Raises
@@ -303,7 +303,7 @@ def measure_log(
         for kind in ("v", "a")
     ]
     controls = [_torque(log, label.name, constants) for label in robot.u_labels]
-    return Measured(log.t, (np.stack(positions, axis=1), rates[0], rates[1]), np.stack(controls, axis=1))
+    return Measurements(log.t, (np.stack(positions, axis=1), rates[0], rates[1]), np.stack(controls, axis=1))
 
 
 def _position(log: Log, robot: Robot, name: str, others: str) -> Array:
@@ -352,7 +352,7 @@ def _unwrap(robot: Robot, name: str, column: Array, source: Path) -> Array:
 
 
 def _residuals(
-    file: InverseDynamics, found: Estimate, data: Measured, everything: Array, near: Array | None = None
+    file: InverseDynamics, found: Estimate, data: Measurements, everything: Array, near: Array | None = None
 ) -> Residuals:
     """Along a spline through the positions: torques have no part in it."""
     y, yd, ydd, _ = smooth(data, knots_for(data))

@@ -204,8 +204,6 @@ def base_parameters(
         Name of a payload or frame: the body there is unknown, and nothing else.
     friction_speed : float, optional
         Of the smooth Coulomb friction [rad/s, m/s].
-    seed : int
-        Of the random motions at whose torques it looks.
 
     Raises
     ------

@@ -187,7 +187,7 @@ class _Link(NamedTuple):
     is_symbolic: bool
 
 
-class _Curved(NamedTuple):
+class _Curvature(NamedTuple):
     """Symbols that stand for the curvature of a link, and the adjoint of its outputs."""
 
     link: _Link
@@ -212,7 +212,7 @@ class Chain:
     may_call: bool = False
     _links: list[_Link] = field(default_factory=list)
     _slopes: list[ca.SX] = field(default_factory=list)  # of the sources
-    _curved: list[_Curved] = field(default_factory=list)
+    _curved: list[_Curvature] = field(default_factory=list)
     _derived: dict[int, _Derivatives] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -252,7 +252,7 @@ class Chain:
             own = link.derivatives
             if link.is_symbolic:
                 second = ca.SX.sym("second", own.second.numel_out(0))
-                self._curved.append(_Curved(link, second, adjoint))
+                self._curved.append(_Curvature(link, second, adjoint))
             else:
                 second = own.second.call([link.argument.value, *link.given, adjoint])[0]
             curvature = own.matrices.call([link.first, second])[2]
@@ -271,7 +271,7 @@ class Chain:
         curved = [one for one in self._curved if ca.depends_on(everything, one.second)]
         symbolic = [link for link in self._links if link.is_symbolic]
         called = _calls(symbolic, curved, everything)
-        known = _Known()
+        known = _SymbolValues()
         for link in symbolic:
             own, given = link.derivatives, [known.settle(link.argument.value), *link.given]
             bent = [one for one in curved if one.link is link] if id(link) in called else []
@@ -306,7 +306,7 @@ class Chain:
         return self._derived[key]
 
 
-def _calls(links: Sequence[_Link], curved: Sequence[_Curved], everything: ca.SX) -> set[int]:
+def _calls(links: Sequence[_Link], curved: Sequence[_Curvature], everything: ca.SX) -> set[int]:
     """Links that are functions to call, by their identities."""
 
     def gives_all(k: int) -> bool:
@@ -322,7 +322,7 @@ def _calls(links: Sequence[_Link], curved: Sequence[_Curved], everything: ca.SX)
 
 
 @dataclass
-class _Known:
+class _SymbolValues:
     """What symbols stand for, as far as it is known."""
 
     _symbols: list[ca.SX] = field(default_factory=list)

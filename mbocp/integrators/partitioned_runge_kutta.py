@@ -146,7 +146,7 @@ class PartitionedStep:
             point = Node(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u, *found], links.given)
             push = links.pushes(chain, point.q, stage.impulse, found) if self._mechanics.nc else ()
-            pulled = links.pulled_back(chain, xi, stage.rate, p, force, *push)
+            pulled = links.pull_back(chain, xi, stage.rate, p, force, *push)
             momenta.append(pulled.momentum)
             slopes.append(_add(links.times(chain, h, pulled.slope), pulled.pushed))
             carried.append(_add(links.times(chain, h, pulled.carried), pulled.carried_push))
@@ -183,7 +183,7 @@ class PartitionedStep:
         return (*places, *chain.apply(self._links.drift, [after.q, after.v, *found], self._links.given))
 
 
-class _Pulled(NamedTuple):
+class _StageForces(NamedTuple):
     """Momenta and forces at a stage in the coordinates, and forces in the axes of the first node.
 
     What constraints push is None where there are none.
@@ -246,13 +246,13 @@ class _Links:
         """Velocity of a rate of the coordinates."""
         return eta if self._is_plain else chain.apply(self._velocity, [xi, eta])[0]
 
-    def pulled_back(
+    def pull_back(
         self, chain: Chain, xi: Affine, eta: Affine, p: Affine, force: Affine, *push: Affine
-    ) -> _Pulled:
+    ) -> _StageForces:
         """Momentum and forces of the body frame in the coordinates."""
         if self._is_plain:
-            return _Pulled(p, force, force, *push, *push)
-        return _Pulled(*chain.apply(self._held if push else self._free, [xi, eta, p, force, *push]))
+            return _StageForces(p, force, force, *push, *push)
+        return _StageForces(*chain.apply(self._held if push else self._free, [xi, eta, p, force, *push]))
 
     def covectors(self, chain: Chain, xi: Affine, p: Affine) -> tuple[Affine, Affine]:
         """Momentum of the body frame in the coordinates, and in the axes of the first node."""

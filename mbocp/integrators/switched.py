@@ -35,7 +35,7 @@ from mbocp.mechanics import Mechanics
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
 
 
-class Switched(NamedTuple):
+class ActiveForces(NamedTuple):
     """What acts in a step.
 
     Attributes
@@ -57,7 +57,7 @@ class Switched(NamedTuple):
 
 
 def switched_point(
-    mechanics: Mechanics, scheme: str, before: State, after: State, dt: ca.SX, switched: Switched
+    mechanics: Mechanics, scheme: str, before: State, after: State, dt: ca.SX, switched: ActiveForces
 ) -> State:
     """State at which forces and running cost are evaluated."""
     return evaluation_point(mechanics, scheme, before, after, (1 - switched.is_impact) * dt)
@@ -72,7 +72,7 @@ def switched_rows(
     impulse: ca.SX,
     u: ca.SX,
     dt: ca.SX,
-    switched: Switched,
+    switched: ActiveForces,
     *,
     difference: Difference | None = None,
 ) -> StepRows:

@@ -230,7 +230,7 @@ class Quaternion:
 
     def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
         """Series of brackets, summed."""
-        return _turning(w, dw)
+        return _body_velocity(w, dw)
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Eq. (46)."""
@@ -287,7 +287,7 @@ class RotationMatrix:
 
     def dexp(self, w: ca.SX, dw: ca.SX) -> ca.SX:
         """Series of brackets, summed."""
-        return _turning(w, dw)
+        return _body_velocity(w, dw)
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """-gamma R (R'R - I): Eq. (47) with sign and order mended; as printed the drift grows."""
@@ -351,7 +351,7 @@ class RigidBody:
         turn, x = w[3:], ca.dot(w[3:], w[3:])
         turned = ca.cross(turn, along)
         back = along - sinc(x) * turned + one_minus_cos(x) * ca.cross(turn, turned)
-        return ca.vertcat(back, _turning(turn, dw[3:]))
+        return ca.vertcat(back, _body_velocity(turn, dw[3:]))
 
     def attraction(self, z: ca.SX, gamma_quaternion: ca.SX, gamma_dcm: ca.SX) -> ca.SX:
         """Of the attitude."""
@@ -378,7 +378,7 @@ def _screw(v: ca.SX) -> ca.SX:
     return v[:3] + one_minus_cos(x) * turned + theta_minus_sin(x) * ca.cross(w, turned)
 
 
-def _turning(w: ca.SX, dw: ca.SX) -> ca.SX:
+def _body_velocity(w: ca.SX, dw: ca.SX) -> ca.SX:
     """Angular velocity in the body of exp(w(t)) with w' = dw: the right Jacobian of rotations, times dw."""
     x, turned = ca.dot(w, w), ca.cross(w, dw)
     return dw - one_minus_cos(x) * turned + theta_minus_sin(x) * ca.cross(w, turned)

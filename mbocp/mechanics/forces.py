@@ -30,7 +30,7 @@ class Frames(Protocol):
         """Derivative of a function of the configuration along its tangent, shape (rows, nv)."""
 
 
-class Geared(Protocol):
+class GearedMotors(Protocol):
     """Motors with gears, in any coordinates."""
 
     robot: Robot
@@ -39,7 +39,7 @@ class Geared(Protocol):
         """Turns of the motor for one of a joint with this velocity; 1 without a gear."""
 
 
-def controls_for(mechanics: Geared, force: ca.SX) -> ca.SX:
+def controls_for(mechanics: GearedMotors, force: ca.SX) -> ca.SX:
     """Controls with B u = force, or nearest to it, shape (nu,) [N, N m]; of frames that turn and drives 0.
 
     Parameters

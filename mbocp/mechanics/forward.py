@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.mechanics.held_frames import Acting, held_jacobian
+from mbocp.mechanics.held_frames import ActiveRows, held_jacobian
 from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Robot
 
@@ -29,7 +29,7 @@ class ForwardMechanics(JointMechanics):
     ----------
     robot : Robot
     rotations : str
-    acting : Acting, optional
+    acting : ActiveRows, optional
         Rows that act; without, those of all of the robot's constraints.
     numbers : casadi.SX, optional
         See `JointMechanics`.
@@ -52,7 +52,7 @@ class ForwardMechanics(JointMechanics):
         robot: Robot,
         rotations: str = "quaternion",
         *,
-        acting: Acting | None = None,
+        acting: ActiveRows | None = None,
         numbers: ca.SX | None = None,
     ) -> None:
         super().__init__(robot, rotations, numbers=numbers)

@@ -69,7 +69,7 @@ class HeldFrame:
 
 
 @dataclass(frozen=True)
-class Acting:
+class ActiveRows:
     """Which rows of constraints act for a while.
 
     Attributes

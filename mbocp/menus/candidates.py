@@ -24,7 +24,7 @@ from mbocp.guesses.straight_line import driven_line, is_whole, line
 from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, through, turned_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess, Problem
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.joints import joint_kind, velocity_slice
 
@@ -49,7 +49,7 @@ class Candidate:
         None: the problem's own guess.
     place : int, optional
         Of the goal among several.
-    start : Carried, optional
+    start : IterateRecord, optional
         Where the solve begins, of a problem that ways do not suit.
     """
 
@@ -57,7 +57,7 @@ class Candidate:
     problem: Problem
     way: Way | None = None
     place: int | None = None
-    start: Carried | None = None
+    start: IterateRecord | None = None
 
     def begin(self, formulation: Formulation) -> tuple[Problem, Warm]:
         """The problem to solve, and its warm start."""
@@ -66,7 +66,7 @@ class Candidate:
             return problem, self.start
         if problem.clearance is None:
             make = driven_line if problem.robot.drives else line
-            return problem, Carried.of(make(formulation, way), formulation.programme)
+            return problem, IterateRecord.of(make(formulation, way), formulation.programme)
         qs = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))
         goal = replace(problem.goal, q=qs[-1])
         return replace(problem, goal=goal, guess=Guess(kind="way", q=qs[1:-1])), None
@@ -102,7 +102,7 @@ def _other_kinds(formulation: Formulation, place: int | None) -> Iterator[Candid
             iterate, words = make_guess(kind, formulation)
         except ProblemError:
             continue
-        start = Carried.of(iterate, formulation.programme)
+        start = IterateRecord.of(iterate, formulation.programme)
         yield Candidate(words, formulation.problem, None, place, start)
 
 
@@ -115,7 +115,7 @@ def _other_guesses(formulation: Formulation, place: int | None, most: int) -> It
     except ProblemError:  # the problem's own guess says so, too
         return
     for guess in found[1:]:
-        start = Carried.of(guess.iterate, formulation.programme)
+        start = IterateRecord.of(guess.iterate, formulation.programme)
         yield Candidate(guess.words, problem, None, place, start)
 
 

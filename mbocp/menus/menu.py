@@ -26,7 +26,7 @@ from mbocp.menus.candidates import Candidate, candidates, has_ways
 from mbocp.menus.names import names_of_motions
 from mbocp.problem import Problem
 from mbocp.problem._checks import check_integer
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.robot import Robot
 from mbocp.robot.nodes import between
 from mbocp.solution import Solution
@@ -294,7 +294,7 @@ class _Search:
             if len(kept) == self.tries:
                 break
             if effort <= _DEAR * trials[order[0]].effort and abs(effort - last) > _SAME_COST * last:
-                begun = Carried.of(ends[k], formulation.programme)
+                begun = IterateRecord.of(ends[k], formulation.programme)
                 kept.append(replace(mine[trials[k].number], start=begun))
                 last = effort
         return kept

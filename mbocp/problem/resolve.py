@@ -104,7 +104,7 @@ def _start(
     return q, v, check_acceleration(robot, limits_at_start, said_a_start)
 
 
-def _acting(
+def _find_active_rows(
     robot: Robot,
     scheme: str,
     coordinates: str,
@@ -188,7 +188,7 @@ RESOLVE = (
     Step.of(check_free_contacts),
     Step.of(check_terms, "terms", "path_of_frames"),
     Step.of(_start, "q_start", "v_start", "a_start"),
-    Step.of(_acting, "switches", "path_with_contacts"),
+    Step.of(_find_active_rows, "switches", "path_with_contacts"),
     Step.of(order_via, "via_in_order", "nodes_of_via"),
     Step.of(settle_goal, "goal_at_pose"),
     Step.of(_timeline, "timeline", "path_with_junctions"),

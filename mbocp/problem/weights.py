@@ -15,7 +15,7 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, sugg
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.robot import Robot
 from mbocp.robot.large import working_data
-from mbocp.terms.cost import RunningCost, Weighted
+from mbocp.terms.cost import RunningCost, WeightedCost
 from mbocp.terms.kinds import COST_TERMS, EffortAboutGravity, Energy
 
 _BEND = 0.7  # of every joint [rad, m]
@@ -194,9 +194,9 @@ def further_terms() -> dict[str, type[RunningCost]]:
 
 
 @cache
-def weights_by_key() -> dict[str, type[Weighted]]:
+def weights_by_key() -> dict[str, type[WeightedCost]]:
     """All terms that have nothing but weights, by their key in `[cost]`."""
-    return {term.key: term for term in COST_TERMS if issubclass(term, Weighted)}
+    return {term.key: term for term in COST_TERMS if issubclass(term, WeightedCost)}
 
 
 def _check_weights(further: Mapping[str, Any]) -> dict[str, Array]:

@@ -216,7 +216,7 @@ def load_functions(
     """
     policy = function_policy()
     place = _place(f"{key}{sources_digest()}{number_of_lanes()}", environment())
-    asked = _Asked(key, build, place, deadline)
+    asked = _Request(key, build, place, deadline)
     if policy == TAPES:
         return asked.as_tapes()
     if place.is_sound:
@@ -266,7 +266,7 @@ class _Place:
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _Request:
     """What `load_functions` was asked for, and where this process has found it before."""
 
     key: str

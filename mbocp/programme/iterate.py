@@ -116,7 +116,7 @@ def zero_multipliers(programme: StagewiseProgramme, xs: Array, ys: Array, us: Ar
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class IterateRecord:
     """An iterate, and what its numbers are.
 
     Attributes
@@ -148,11 +148,11 @@ class Carried:
     first: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
-    def of(cls, iterate: Iterate, programme: StagewiseProgramme) -> Carried:
+    def of(cls, iterate: Iterate, programme: StagewiseProgramme) -> IterateRecord:
         """An iterate of a programme."""
         return cls(iterate, () if iterate.bounds is None else programme.path_names)
 
-    def at_steps(self, steps: IntArray) -> Carried:
+    def at_steps(self, steps: IntArray) -> IterateRecord:
         """Some of its steps, one after the other, with the node before each and that after the last."""
         iterate, bounds, nodes = self.iterate, self.iterate.bounds, np.append(steps, steps[-1] + 1)
         if bounds is not None:

@@ -30,7 +30,7 @@ from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import JointMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.receding import unknowns as own_unknowns
-from mbocp.receding.unknowns import Unknown, friction_in, payload_forces
+from mbocp.receding.unknowns import Constant, friction_in, payload_forces
 from mbocp.robot import Robot
 
 NUM_MOMENTS = 5  # S_0 to S_4
@@ -109,13 +109,13 @@ def _places(**sizes: int) -> dict[str, slice]:
     return found
 
 
-def load_estimator_functions(robot: Robot, unknowns: Sequence[Unknown], *, has_v: bool) -> CompiledFunctions:
+def load_estimator_functions(robot: Robot, unknowns: Sequence[Constant], *, has_v: bool) -> CompiledFunctions:
     """Functions of a stage and of the end by name; see `load_functions`.
 
     Parameters
     ----------
     robot : Robot
-    unknowns : sequence of Unknown
+    unknowns : sequence of Constant
     has_v : bool
         Whether velocities are measured.
     """
@@ -129,7 +129,7 @@ def load_estimator_functions(robot: Robot, unknowns: Sequence[Unknown], *, has_v
 class _Stage:
     """Rows, cost and derivatives of a stage."""
 
-    def __init__(self, robot: Robot, unknowns: Sequence[Unknown], *, has_v: bool) -> None:
+    def __init__(self, robot: Robot, unknowns: Sequence[Constant], *, has_v: bool) -> None:
         self.layout = at = EstimatorLayout(robot.nq, robot.nv, robot.nu, len(unknowns))
         self._mechanics = JointMechanics(robot)
         self._space, self._unknowns, self._has_v = self._mechanics.space, unknowns, has_v

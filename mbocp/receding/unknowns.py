@@ -23,7 +23,7 @@ _OLD = {"friction.viscous": "damping", "friction.coulomb": "friction"}  # words 
 
 
 @dataclass(frozen=True)
-class Unknown:
+class Constant:
     """One constant.
 
     Attributes
@@ -52,7 +52,7 @@ class Unknown:
     speed: float = FRICTION_SPEED
 
 
-def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
+def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Constant, ...]:
     """Return constants by their words, see `MovingHorizonEstimator`.
 
     Raises
@@ -63,7 +63,7 @@ def unknowns_of(robot: Robot, words: Iterable[str]) -> tuple[Unknown, ...]:
     known = dict(_unknowns_of(robot))
     for joint in (unknown for word in _LOSSES for unknown in known.get(OF_ROBOT + word, ())):
         known[joint.name] = (joint,)
-    found = list[Unknown]()
+    found = list[Constant]()
     for word in words:
         if word not in known:
             now = _word_now(word)
@@ -84,7 +84,7 @@ def _word_now(word: str) -> str:
     return OF_ROBOT + _OLD.get(word, word)
 
 
-def _unknowns_of(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
+def _unknowns_of(robot: Robot) -> Iterator[tuple[str, tuple[Constant, ...]]]:
     for index, payload in enumerate(robot.payloads):
         carries = payload.name in {other.frame for other in robot.payloads}  # they would move with it
         for key, ends in (("mass", _PAYLOAD["mass"]),) if carries else _PAYLOAD.items():
@@ -92,7 +92,7 @@ def _unknowns_of(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
             yield (
                 word,
                 tuple(
-                    Unknown(word + end, word, float(value), key, index, entry)
+                    Constant(word + end, word, float(value), key, index, entry)
                     for entry, (end, value) in enumerate(zip(ends, values, strict=True))
                 ),
             )
@@ -100,17 +100,17 @@ def _unknowns_of(robot: Robot) -> Iterator[tuple[str, tuple[Unknown, ...]]]:
     single = {name: place.start for name, place in places.items() if place.stop - place.start == 1}
     own = {loss.dof: loss for loss in robot.resistances if single.get(loss.name) == loss.dof}
     for kind in _LOSSES:
-        found = list[Unknown]()
+        found = list[Constant]()
         for name, dof in single.items():
             loss = own.get(dof, JointResistance(name, dof))
             value, word = float(getattr(loss, kind)), f"{OF_ROBOT}joint.{name}.{kind}"
-            found.append(Unknown(word, "", value, kind, dof, speed=loss.speed))
+            found.append(Constant(word, "", value, kind, dof, speed=loss.speed))
         if found:
             yield OF_ROBOT + kind, tuple(found)
 
 
 def payload_forces(
-    mechanics: JointMechanics, unknowns: Sequence[Unknown], p: ca.SX, q: ca.SX, v: ca.SX, a: ca.SX
+    mechanics: JointMechanics, unknowns: Sequence[Constant], p: ca.SX, q: ca.SX, v: ca.SX, a: ca.SX
 ) -> ca.SX:
     """Return the forces that move the payloads beyond those of the robot, shape (nv,) [N, N m].
 
@@ -163,7 +163,7 @@ def _second_moment(c: ca.SX) -> ca.SX:
     return ca.dot(c, c) * ca.SX.eye(3) - ca.mtimes(c, c.T)
 
 
-def friction_in(unknowns: Iterable[Unknown], p: ca.SX, v: ca.SX) -> ca.SX:
+def friction_in(unknowns: Iterable[Constant], p: ca.SX, v: ca.SX) -> ca.SX:
     """Return the forces of friction beyond the robot's own, shape (nv,) [N, N m]."""
     force = ca.SX.zeros(v.shape)
     for k, unknown in enumerate(unknowns):
@@ -175,7 +175,7 @@ def friction_in(unknowns: Iterable[Unknown], p: ca.SX, v: ca.SX) -> ca.SX:
     return force
 
 
-def with_payloads(robot: Robot, unknowns: Iterable[Unknown], values: Sequence[float]) -> Robot:
+def with_payloads(robot: Robot, unknowns: Iterable[Constant], values: Sequence[float]) -> Robot:
     """Return the robot with payloads as the constants say, of masses that are not below zero."""
     payloads, model = list(robot.payloads), robot.model.copy()
     for unknown, value in zip(unknowns, values, strict=True):

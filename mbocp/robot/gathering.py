@@ -43,7 +43,7 @@ def gather(spec: Mapping[str, Any]) -> RobotFiles:
     RobotError
         If the robot is not there, or is not made of files alone.
     """
-    found = _Gathering()
+    found = _Findings()
     if spec.get("part"):
         for number, entry in enumerate(spec["part"]):
             _of_part(found, entry, number, None, ())
@@ -54,7 +54,7 @@ def gather(spec: Mapping[str, Any]) -> RobotFiles:
 
 
 @dataclass(eq=False)
-class _Gathering:
+class _Findings:
     """What was found so far."""
 
     contents: dict[Path, bytes] = field(default_factory=dict)
@@ -115,14 +115,14 @@ class _Gathering:
         return RobotFiles(json.loads(json.dumps(listed)), packed)
 
 
-def _of_part(found: _Gathering, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:
+def _of_part(found: _Findings, entry: Any, number: int, base: Path | None, dirs: Sequence[Path]) -> None:
     table = read_part(entry, number)
     if table.robot is not None:
         _of_name(found, table.robot, base, (*table.folders(base), *dirs), table.arguments)
 
 
 def _of_name(
-    found: _Gathering, name: str, base: Path | None, dirs: Sequence[Path], arguments: Mapping[str, Any] | None
+    found: _Findings, name: str, base: Path | None, dirs: Sequence[Path], arguments: Mapping[str, Any] | None
 ) -> None:
     """Follow what a name or a path leads to, as `mbocp.robot.loading.describe` does."""
     source = find_source(name, base)
@@ -143,7 +143,7 @@ def _of_name(
 
 
 def _of_tables(
-    found: _Gathering, path: Path, dirs: Sequence[Path], arguments: Mapping[str, Any] | None
+    found: _Findings, path: Path, dirs: Sequence[Path], arguments: Mapping[str, Any] | None
 ) -> None:
     """A robot.toml, its parts, or the model that it names."""
     found.add(path)
@@ -157,7 +157,7 @@ def _of_tables(
 
 
 def _of_model(
-    found: _Gathering, path: Path, dirs: Sequence[Path], arguments: Mapping[str, Any] | None = None
+    found: _Findings, path: Path, dirs: Sequence[Path], arguments: Mapping[str, Any] | None = None
 ) -> Path:
     """A file that describes a robot, those that belong to it, and its meshes; the one to read it from."""
     reader = reader_of(path, dirs, arguments)
@@ -179,7 +179,7 @@ def _of_model(
     return kept
 
 
-def _expand(found: _Gathering, path: Path, reader: Any) -> Path:
+def _expand(found: _Findings, path: Path, reader: Any) -> Path:
     """The file itself, or the URDF that it is the source of, which needs no other file and no arguments."""
     if format_of(path).expander is None:
         return path
@@ -188,7 +188,7 @@ def _expand(found: _Gathering, path: Path, reader: Any) -> Path:
     return made
 
 
-def _of_mesh(found: _Gathering, mesh: Path, robot: Path) -> None:
+def _of_mesh(found: _Findings, mesh: Path, robot: Path) -> None:
     """A mesh, its material files, and those pictures that a page would show."""
     if _plain(mesh) in found.meshes:
         return
@@ -209,7 +209,7 @@ def _of_mesh(found: _Gathering, mesh: Path, robot: Path) -> None:
         found.meshes.add(_plain(named))
 
 
-def _add_package(found: _Gathering, path: Path) -> None:
+def _add_package(found: _Findings, path: Path) -> None:
     """The nearest package.xml above a file: it says which pictures belong to the robot."""
     above = (folder / PACKAGE for folder in path.resolve().parents)
     package = next((file for file in above if file.is_file()), None)

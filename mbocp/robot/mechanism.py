@@ -173,7 +173,7 @@ class Closure:
         return np.eye(self.model.nv)[dofs].reshape(len(dofs), self.model.nv)
 
 
-class _Placed:
+class _PlacementKinematics:
     """Kinematics whose configuration is the frames' placements themselves, one column of 12 for each."""
 
     def __init__(self, frames: Sequence[int], joint_ids: Sequence[int], theta: ca.SX) -> None:
@@ -205,7 +205,7 @@ def _rows_function(
         Row and motion of each derivative.
     """
     placements, theta = ca.SX.sym("placements", 12, len(frames)), ca.SX.sym("theta", len(joint_ids))
-    placed = _Placed(frames, joint_ids, theta)
+    placed = _PlacementKinematics(frames, joint_ids, theta)
     rows = [constraint.equations(placed, placements) for constraint in constraints]
     phi = ca.vertcat(*rows) if rows else ca.SX.zeros(0, 1)
     by_numbers = ca.jacobian(phi, ca.vec(placements))

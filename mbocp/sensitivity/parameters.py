@@ -17,7 +17,7 @@ from mbocp.sensitivity.change import Change, Parameter, change_along, has_plain_
 from mbocp.sensitivity.of_ends import GoalOfJoints, Start, has_chord
 from mbocp.sensitivity.of_frames import GoalOfFrame
 from mbocp.sensitivity.of_robot import NumberByWord, NumbersOfRobot, PayloadNumbers
-from mbocp.terms.cost import RunningTerm, Weighted
+from mbocp.terms.cost import RunningTerm, WeightedCost
 from mbocp.terms.kinds import Tracking
 
 _SIDES = ("lower", "upper")
@@ -34,7 +34,7 @@ class Weight(Parameter):
         problem, signature = formulation.problem, formulation.pieces.signature
         if not problem.weight_shares:
             for term in signature.cost:
-                if isinstance(term, Weighted):
+                if isinstance(term, WeightedCost):
                     yield f"cost.{term.key}"
             if problem.cost.tracking > 0.0 and any(isinstance(term, Tracking) for term in signature.cost):
                 yield "cost.tracking"
@@ -45,7 +45,7 @@ class Weight(Parameter):
     def names(self) -> tuple[str, ...]:
         """What is weighed."""
         robot, over = self.problem.robot, ""
-        if isinstance(self._term, Weighted):
+        if isinstance(self._term, WeightedCost):
             over = self._term.over
         labels = {"u": robot.u_labels, "v": robot.v_labels}.get(over)
         return (self.word,) if labels is None else tuple(label.name for label in labels)

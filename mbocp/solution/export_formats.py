@@ -21,7 +21,7 @@ from mbocp.solution.atomic import replace_file
 from mbocp.solution.fitting import MOST
 from mbocp.solution.joints_sent import EFFORT_RATE, Excess
 from mbocp.solution.recordings import RECORDINGS, record
-from mbocp.solution.sampled import Sampled, sample
+from mbocp.solution.sampled import JointSamples, sample
 from mbocp.solution.sent import NotCheckedWarning, Sent, motion_as_sent
 from mbocp.solution.solution_data import SolutionData
 
@@ -267,7 +267,7 @@ def all_excesses(sent: Sent, load_robot: Callable[[], Robot]) -> tuple[Excess, .
     return (*sent.excesses, *excesses)
 
 
-def write_samples(motion: Sampled, solution: SolutionData, path: Path, name: str) -> Path:
+def write_samples(motion: JointSamples, solution: SolutionData, path: Path, name: str) -> Path:
     """Write samples of a solution in a format.
 
     Raises
@@ -281,7 +281,7 @@ def write_samples(motion: Sampled, solution: SolutionData, path: Path, name: str
         raise ResultFileError(path, str(error)) from error
 
 
-def _table(motion: Sampled) -> dict[str, Array]:
+def _table(motion: JointSamples) -> dict[str, Array]:
     """Columns by header."""
     columns = {"t [s]": motion.t}
     for prefix, values, more in (
@@ -297,7 +297,7 @@ def _table(motion: Sampled) -> dict[str, Array]:
     return columns
 
 
-def _csv(motion: Sampled, solution: SolutionData) -> bytes:
+def _csv(motion: JointSamples, solution: SolutionData) -> bytes:
     columns = _table(motion)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -306,7 +306,7 @@ def _csv(motion: Sampled, solution: SolutionData) -> bytes:
     return text.getvalue().encode()
 
 
-def _ros2(motion: Sampled, solution: SolutionData) -> bytes:
+def _ros2(motion: JointSamples, solution: SolutionData) -> bytes:
     """trajectory_msgs/msg/JointTrajectory as `ros2 topic pub` reads it."""
     lines = [
         f"joint_names: [{', '.join(json.dumps(name, ensure_ascii=False) for name in motion.joints)}]",
@@ -327,7 +327,7 @@ def _ros2(motion: Sampled, solution: SolutionData) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _urscript(motion: Sampled, solution: SolutionData) -> bytes:
+def _urscript(motion: JointSamples, solution: SolutionData) -> bytes:
     """A program that moves to the start, then servos along."""
     if len(motion.joints) != _UR_JOINTS or set(motion.units) != {"rad"}:
         raise InvalidValue(
@@ -352,7 +352,7 @@ def _urscript(motion: Sampled, solution: SolutionData) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def _npz(motion: Sampled, solution: SolutionData) -> bytes:
+def _npz(motion: JointSamples, solution: SolutionData) -> bytes:
     file = io.BytesIO()
     np.savez(
         file,
@@ -367,7 +367,7 @@ def _npz(motion: Sampled, solution: SolutionData) -> bytes:
     return file.getvalue()
 
 
-def _parquet(motion: Sampled, solution: SolutionData) -> bytes:
+def _parquet(motion: JointSamples, solution: SolutionData) -> bytes:
     try:
         import pyarrow
         import pyarrow.parquet as parquet
@@ -382,6 +382,6 @@ def _list(values: Array) -> str:
     return f"[{', '.join('0.0' if math.isclose(x, 0.0, abs_tol=1e-15) else repr(float(x)) for x in values)}]"
 
 
-FORMATS: Mapping[str, Callable[[Sampled, SolutionData], bytes]] = MappingProxyType(
+FORMATS: Mapping[str, Callable[[JointSamples, SolutionData], bytes]] = MappingProxyType(
     {"csv": _csv, "ros2": _ros2, "urscript": _urscript, "npz": _npz, "parquet": _parquet}
 )

@@ -31,7 +31,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitting:
+class CurveFit:
     """From the cubics of a solution to the curves that are sent."""
 
     joints: Joints

@@ -8,7 +8,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch
-from mbocp.programme.iterate import BoundMultipliers, Carried, Iterate
+from mbocp.programme.iterate import BoundMultipliers, Iterate, IterateRecord
 from mbocp.solution.details import Column
 from mbocp.storage.content import FileContent
 
@@ -26,7 +26,7 @@ def is_part(name: str) -> bool:
     return name.startswith(_PART)
 
 
-def arrays_of(carried: Carried | None, trajectories: Mapping[str, Array]) -> dict[str, Array]:
+def arrays_of(carried: IterateRecord | None, trajectories: Mapping[str, Array]) -> dict[str, Array]:
     """Arrays of a result file; without those that its trajectories are, to the last bit.
 
     Multipliers of limits are left out, too, where there are none.
@@ -67,7 +67,7 @@ def _in_trajectories(arrays: Mapping[str, Array]) -> dict[str, Array]:
     }
 
 
-def columns_of(carried: Carried | None, arrays: Mapping[str, Array]) -> dict[str, tuple[Column, ...]]:
+def columns_of(carried: IterateRecord | None, arrays: Mapping[str, Array]) -> dict[str, tuple[Column, ...]]:
     """Columns of these arrays among those of a result file."""
     columns = {
         name: tuple(Column(str(i), "") for i in range(array.shape[-1]))
@@ -81,7 +81,7 @@ def columns_of(carried: Carried | None, arrays: Mapping[str, Array]) -> dict[str
     return columns
 
 
-def iterate_in(content: FileContent) -> Carried | None:
+def iterate_in(content: FileContent) -> IterateRecord | None:
     """The iterate of a result file; None of one that holds none.
 
     Raises
@@ -113,7 +113,9 @@ def iterate_in(content: FileContent) -> Carried | None:
     names = tuple(name for name, _ in content.columns.get(_PATH, ()))
     chosen = {name: frozen_array(own[name]) for name in _CHOSEN if name in own}
     within = sorted(letter for letter, held in zip(_LETTERS, own.get("within", ()), strict=False) if held)
-    return Carried(iterate, names, content.texts.get(MEANING, ""), limits_within="".join(within), **chosen)
+    return IterateRecord(
+        iterate, names, content.texts.get(MEANING, ""), limits_within="".join(within), **chosen
+    )
 
 
 def _width(own: Mapping[str, Array], name: str) -> int:

@@ -54,7 +54,7 @@ def problem_of(
     )
 
 
-class Shown(NamedTuple):
+class ProblemPicture(NamedTuple):
     """What pictures show of a problem.
 
     Attributes
@@ -69,12 +69,12 @@ class Shown(NamedTuple):
     obstacles: tuple[Obstacle, ...]
 
 
-def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> Shown:
+def problem_to_show(solution: SolutionData, load_robot: Callable[[], Robot]) -> ProblemPicture:
     """Make what pictures show of the problem that was solved."""
     problem = problem_without(solution, load_robot, "terms", "obstacle", "self_collision")
     with in_file(_label(solution)):
         tables = read_tables(_document(solution), _label(solution))
-        return Shown(problem, obstacles_from(tables["obstacle"]))
+        return ProblemPicture(problem, obstacles_from(tables["obstacle"]))
 
 
 def problem_to_check(solution: SolutionData, load_robot: Callable[[], Robot]) -> Problem:
@@ -153,7 +153,7 @@ def facts_of(problem: Problem) -> Facts:
         a_start=_plain(problem.a_start),
         u_start=() if before is None else _plain(before),
         u_goal=() if after is None or isinstance(after, str) else _plain(after),
-        q_goal=_coordinates_asked(problem.goal),
+        q_goal=_goal_coordinates(problem.goal),
         braking=tuple(_braking(problem)),
         ends_held=isinstance(after, str),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
@@ -183,7 +183,7 @@ def _rows(problem: Problem, constraint: Any) -> list[PathRow]:
     return [PathRow(label.name, float(low), float(high), label.unit, total) for label, low, high in sides]
 
 
-def _coordinates_asked(goal: Goal) -> tuple[bool, ...]:
+def _goal_coordinates(goal: Goal) -> tuple[bool, ...]:
     """Which coordinates end where a goal says; empty where all do."""
     says_all = goal.q_active.all() or goal.frames or goal.periodic is not None
     return () if says_all else tuple(goal.q_active.tolist())

@@ -37,7 +37,7 @@ from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
 from mbocp.problem.file.tables import problem_to_toml
 from mbocp.problem.obstacles.approach import Approach, keeps_clear, nearest_approach
 from mbocp.programme import Iterate
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution.details import Accuracy, Labels, StartRecord
 from mbocp.solution.its_problem import facts_of
@@ -78,9 +78,9 @@ class Attempt:
         return self.outcome.result.status is Status.CONVERGED
 
     @property
-    def carried(self) -> Carried:
+    def carried(self) -> IterateRecord:
         """Where a problem of other path constraints may begin."""
-        return Carried.of(self.outcome.result.iterate, self.formulation.programme)
+        return IterateRecord.of(self.outcome.result.iterate, self.formulation.programme)
 
 
 def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False) -> Solution:
@@ -217,7 +217,7 @@ def judge(
 def _rest(
     formulation: Formulation,
     iterate: Iterate,
-    carried: Callable[[], Carried],
+    carried: Callable[[], IterateRecord],
     asked: Problem,
     t: Array,
     motion: Motion,

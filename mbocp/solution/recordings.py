@@ -29,7 +29,7 @@ _SAME = 1e-9  # [s]
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class MotionSamples:
     """A motion at some times.
 
     Attributes
@@ -54,7 +54,7 @@ class Recorded:
     paths: Mapping[str, Array]
 
 
-def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> Recorded:
+def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> MotionSamples:
     """Record a motion at its nodes, or at a rate [1/s].
 
     Between nodes configurations follow the tangent, and velocities are linear.
@@ -83,7 +83,7 @@ def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> R
     bodies = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY and f.name != _WORLD]
     traced = [robot.frame_id(name) for name in robot.trace_frames]
     poses = _poses(robot, qs, [*bodies, *traced])
-    return Recorded(
+    return MotionSamples(
         t - t[0],
         joints,
         {f"{c.name} [{c.unit}]": us[:, k] for k, c in enumerate(labels)},
@@ -121,7 +121,7 @@ def _poses(robot: Robot, qs: Array, frames: list[int]) -> dict[int, Array]:
     return found
 
 
-def _mcap(motion: Recorded) -> bytes:
+def _mcap(motion: MotionSamples) -> bytes:
     """Write topics /tf, /joint_states, /controls, and /path/FRAME once.
 
     MCAP with messages in JSON: poses as Foxglove has them, joints as `sensor_msgs/JointState`.
@@ -146,7 +146,7 @@ def _mcap(motion: Recorded) -> bytes:
     return file.getvalue()
 
 
-def _messages(motion: Recorded, times: list[int]) -> Iterator[tuple[int, str, str, Any]]:
+def _messages(motion: MotionSamples, times: list[int]) -> Iterator[tuple[int, str, str, Any]]:
     """Number of the sample, topic, name of the schema, and message."""
     stamps = [dict(zip(("sec", "nsec"), divmod(t, 1_000_000_000), strict=True)) for t in times]
     for name, poses in motion.paths.items():
@@ -185,7 +185,7 @@ def _schema_of(value: Any) -> dict[str, Any]:
     return {"type": "integer" if isinstance(value, int) else "number"}
 
 
-def _rerun(motion: Recorded) -> bytes:
+def _rerun(motion: MotionSamples) -> bytes:
     """Write entities world/LINK, path/FRAME, joints/JOINT/position, ..., controls/NAME over "time".
 
     Rerun's .rrd: poses of links, paths, and a curve for each joint and control.
@@ -218,4 +218,6 @@ def _rerun(motion: Recorded) -> bytes:
     return bytes(memory.drain_as_bytes())
 
 
-RECORDINGS: Mapping[str, Callable[[Recorded], bytes]] = MappingProxyType({"mcap": _mcap, "rerun": _rerun})
+RECORDINGS: Mapping[str, Callable[[MotionSamples], bytes]] = MappingProxyType(
+    {"mcap": _mcap, "rerun": _rerun}
+)

@@ -7,7 +7,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.problem import Problem
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.robot.kinematics import difference
 from mbocp.solution.solution import Solution
 
@@ -36,7 +36,7 @@ class Rest:
         return self.solution.qs
 
     @property
-    def iterate(self) -> Carried | None:
+    def iterate(self) -> IterateRecord | None:
         """The solver's iterate for the whole motion."""
         return self.solution.iterate
 

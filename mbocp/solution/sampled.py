@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class JointSamples:
     """Joints of one velocity along a motion; others (floating bases, balls) are left out.
 
     Parameters
@@ -50,7 +50,7 @@ class Sampled:
     left_out: tuple[str, ...]
 
 
-def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> Sampled:
+def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> JointSamples:
     """Sample a motion as it is sent.
 
     Parameters
@@ -78,7 +78,7 @@ def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> Sampled
             efforts[:, k] = applied[:, controls[name]]
     names = {name.partition(".")[0] for name in (*sent.joints, *sent.names)}
     left_out = {column.name.partition(".")[0] for column in labels.v} - names
-    return Sampled(
+    return JointSamples(
         times,
         sent.names,
         sent.units,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from mbocp.problem import Problem
     from mbocp.robot import Robot
-    from mbocp.solution.its_problem import Shown
+    from mbocp.solution.its_problem import ProblemPicture
     from mbocp.terms import OwnTerm
 
 T = TypeVar("T")
@@ -158,7 +158,7 @@ class Solution(SolutionData):
         Options of the solver; versions of what took part.
     labels : Labels
         Name and unit of every column.
-    iterate : Carried, optional
+    iterate : IterateRecord, optional
         The solver's last iterate with all multipliers, from which a warm start of the same problem goes on.
 
     Raises
@@ -343,7 +343,7 @@ class Solution(SolutionData):
         return self.load_problem()
 
     @cached_property
-    def shown(self) -> Shown | None:
+    def shown(self) -> ProblemPicture | None:
         """What pictures show of the problem; None where it has no text, or cannot be made of it.
 
         Warns
@@ -353,10 +353,13 @@ class Solution(SolutionData):
         """
         if "problem" not in vars(self) and not self.problem_text:
             return None
-        from mbocp.solution.its_problem import Shown, problem_to_show  # as slow to import as all else
+        from mbocp.solution.its_problem import (  # as slow to import as all else
+            ProblemPicture,
+            problem_to_show,
+        )
 
         if "problem" in vars(self):
-            return Shown(self.problem, self.problem.obstacle)
+            return ProblemPicture(self.problem, self.problem.obstacle)
         return self._make_or_warn(partial(problem_to_show, self, self.load_robot))
 
     @cached_property

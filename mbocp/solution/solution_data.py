@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.exceptions import DimensionMismatch
 from mbocp.integrators.controls import control_basis, controls_within
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution._values import check_arrays, json_copy
 from mbocp.solution.conserved import ConservedQuantity, sum_up_momenta
@@ -114,7 +114,7 @@ class SolutionData:
     versions: Mapping[str, str] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)
     robot_files: RobotFiles | None = field(default=None, compare=False)
-    iterate: Carried | None = None
+    iterate: IterateRecord | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path_names", tuple(map(str, self.path_names)))

@@ -22,7 +22,7 @@ from pydantic import (
     ValidationError,
 )
 
-from mbocp._measured import Measured
+from mbocp._measured import KeyUnits
 from mbocp._quantities import as_float, is_number
 from mbocp._text import show
 
@@ -82,7 +82,7 @@ class StudyTable(_Table):
     problem: Annotated[Any, BeforeValidator(_problem)]
     name: str | None = None
     seed: Annotated[int, BeforeValidator(_seed)] = 0
-    time_limit: Annotated[Positive, Measured("s")] | None = None
+    time_limit: Annotated[Positive, KeyUnits("s")] | None = None
     record: Names = []
     fixed: Keys = {}
     grid: Keys = {}

@@ -202,11 +202,11 @@ class RunningCost(CostTerm, RunningTerm):
         """The term as a problem has it, if at all."""
 
 
-class Weighted(RunningCost):
+class WeightedCost(RunningCost):
     """A term with nothing but weights, one for each component of what it weighs, or a single one."""
 
     @classmethod
-    def of(cls, given: TermNumbers) -> Weighted | None:
+    def of(cls, given: TermNumbers) -> WeightedCost | None:
         """The term where a weight is not zero."""
         return cls() if np.any(given.cost.weight(cls.key)) else None
 

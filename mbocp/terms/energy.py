@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, shortest
+from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, WeightedCost, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import Control, ControlWeights, NonNegative
 
@@ -169,7 +169,7 @@ def _check(key: str, value: float, name: str) -> None:
 
 
 @dataclass(frozen=True)
-class Time(Weighted):
+class Time(WeightedCost):
     """A weight on the duration: 1 and little or no effort ask for minimum time."""
 
     key = "time"

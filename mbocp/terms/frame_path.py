@@ -150,7 +150,7 @@ class Distance(PathTerm):
         return ca.sumsqr(position - away)
 
 
-class _Bounded(PathTerm):
+class _SpeedBounds(PathTerm):
     """A speed; one that is to be above zero is for a part of the motion, which begins and ends at rest."""
 
     has_velocity = True
@@ -158,7 +158,7 @@ class _Bounded(PathTerm):
 
 
 @dataclass(frozen=True)
-class Speed(_Bounded):
+class Speed(_SpeedBounds):
     """Speed of the frame's origin."""
 
     kind = "speed"
@@ -177,7 +177,7 @@ class Speed(_Bounded):
 
 
 @dataclass(frozen=True)
-class AngularSpeed(_Bounded):
+class AngularSpeed(_SpeedBounds):
     """Magnitude of the frame's angular velocity."""
 
     kind = "angular_speed"

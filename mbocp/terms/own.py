@@ -43,7 +43,7 @@ _SYMBOLS = {"running": "uat", "terminal": "", "path": "ua", "end": ""}  # beside
 _KEPT = 64  # traced functions
 
 
-class Traced(NamedTuple):
+class TermFunction(NamedTuple):
     """A term's expression as a CasADi function (q, v, u, a, t, *forces, *parameters) -> value.
 
     Where numbers of the robot vary they are its last argument.
@@ -114,7 +114,7 @@ class OwnTerm:
         for side in ("lower", "upper"):
             object.__setattr__(self, side, frozen_array(getattr(self, side), name=f"{key}: {side}"))
 
-    def trace(self, robot: Robot, rotations: str = "quaternion") -> Traced:
+    def trace(self, robot: Robot, rotations: str = "quaternion") -> TermFunction:
         """Its expression for a robot.
 
         Raises
@@ -243,7 +243,7 @@ def _trace(
     sizes: tuple[tuple[str, int], ...],
     robot: Robot,
     rotations: str,
-) -> Traced:
+) -> TermFunction:
     mechanics = JointMechanics(robot, rotations, numbers=symbols_of(robot))
     symbols = {
         "q": ca.SX.sym("q", mechanics.nq),
@@ -265,7 +265,7 @@ def _trace(
     if free:
         raise ProblemError(f"terms: {name}: {', '.join(free[:3])} is no parameter: ask for it as at['name']")
     uses = frozenset(key for key in here if ca.depends_on(value, symbols[key]))
-    return Traced(ca.Function("term", arguments, [value]), int(value.numel()), uses, tuple(forces))
+    return TermFunction(ca.Function("term", arguments, [value]), int(value.numel()), uses, tuple(forces))
 
 
 def _expression(value: Any, name: str) -> ca.SX:

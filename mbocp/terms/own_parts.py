@@ -14,7 +14,7 @@ from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.cost import ForceRows, RunningTerm, TermNumbers, running_costs
-from mbocp.terms.own import OwnTerm, Traced
+from mbocp.terms.own import OwnTerm, TermFunction
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.span import Place, Span
 
@@ -27,7 +27,7 @@ class _Part:
 
     digest: str
     term: OwnTerm = field(compare=False)
-    traced: Traced = field(compare=False)
+    traced: TermFunction = field(compare=False)
 
     @classmethod
     def of(cls, term: OwnTerm, robot: Robot, rotations: str) -> Any:
@@ -53,7 +53,7 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class OwnRunning(_Part, RunningTerm):
+class OwnRunningCost(_Part, RunningTerm):
     """A cost per second.
 
     Attributes
@@ -227,7 +227,7 @@ class OwnPathConstraint(BoundedTerm):
 def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:
     """All terms of the running cost, the user's own last, in the order in which they are added."""
     rotations = _rotations(given)
-    parts = (OwnRunning.of(t, given.robot, rotations) for t in given.own if t.role == "running")
+    parts = (OwnRunningCost.of(t, given.robot, rotations) for t in given.own if t.role == "running")
     own = (replace(one, forces=tuple(given.forces[name] for name in one.traced.forces)) for one in parts)
     return (*running_costs(given), *own)
 

@@ -12,13 +12,21 @@ from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forces import controls_beside, controls_for
-from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, Weighted, half_square, shortest
+from mbocp.terms.cost import (
+    CostWeights,
+    Reader,
+    RunningCost,
+    TermNumbers,
+    WeightedCost,
+    half_square,
+    shortest,
+)
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import ControlOrAuto, ControlWeights, Finite, NonNegative, TargetTable, Weights
 
 
 @dataclass(frozen=True)
-class Effort(Weighted):
+class Effort(WeightedCost):
     """Second term of Eq. (8), with a weight for each control."""
 
     key = "effort"
@@ -178,7 +186,7 @@ def _tracking_weights(cost: CostWeights) -> Array:
 
 
 @dataclass(frozen=True)
-class Velocity(Weighted):
+class Velocity(WeightedCost):
     """Half the weighted square of the velocities of the joints."""
 
     key = "velocity"
@@ -201,7 +209,7 @@ class Velocity(Weighted):
 
 
 @dataclass(frozen=True)
-class Potential(Weighted):
+class Potential(WeightedCost):
     """Second term of Eq. (33) of [Manara2017]_: energy of gravity and of the force elements [J]."""
 
     key = "potential"
@@ -222,7 +230,7 @@ class Potential(Weighted):
 
 
 @dataclass(frozen=True)
-class EffortAboutGravity(Weighted):
+class EffortAboutGravity(WeightedCost):
     """Efforts beyond those that hold the weight: u less the smallest nearest to B u + J' lambda = g(q).
 
     Closed loops, holds and feet that stand push with what forces J' lambda they like. Where all of these
@@ -266,7 +274,7 @@ def _at_motors(mechanics: Mechanics, forces: ca.SX) -> ca.SX:
 
 
 @dataclass(frozen=True)
-class ControlRate(Weighted):
+class ControlRate(WeightedCost):
     """Third term of Eq. (33) of [Manara2017]_, from the second step on."""
 
     key = "control_rate"
@@ -287,7 +295,7 @@ class ControlRate(Weighted):
 
 
 @dataclass(frozen=True)
-class Acceleration(Weighted):
+class Acceleration(WeightedCost):
     """Half the weighted square of the accelerations of the joints: the mean of a step, (v_n - v_{n-1}) / dt.
 
     Explicit schemes take the acceleration at the beginning of the step. Where controls vary within steps, it
@@ -308,7 +316,7 @@ class Acceleration(Weighted):
 
 
 @dataclass(frozen=True)
-class ConstraintForce(Weighted):
+class ConstraintForce(WeightedCost):
     """Half the weighted square of the forces of constraints: of feet that stand, holds and closed loops."""
 
     key = "constraint_force"
@@ -326,7 +334,7 @@ class ConstraintForce(Weighted):
 
 
 @dataclass(frozen=True)
-class Fuel(Weighted):
+class Fuel(WeightedCost):
     """The weighted controls themselves: what jets burn, which push and cannot pull.
 
     Linear in the controls: an optimum switches them between their limits, which have to be finite below.

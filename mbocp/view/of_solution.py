@@ -32,7 +32,7 @@ class Look(TypedDict, total=False):
     robot : Robot, optional
         Default: the one of the solution, see `Solution.load_robot`.
     trace, direction
-        As of `mbocp.view.replay.Drawn`.
+        As of `mbocp.view.replay.ReplayContent`.
     ghosts : int or sequence of float
         Times [s] at which the robot is drawn once more, faint; or how many, evenly spread from start to end.
     others : sequence of Solution

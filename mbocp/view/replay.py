@@ -49,7 +49,7 @@ class OtherMotion:
     name: str
 
 
-class Shown(TypedDict, total=False):
+class ReplayItems(TypedDict, total=False):
     """What a replay shows with the robot.
 
     Attributes
@@ -71,7 +71,7 @@ class Shown(TypedDict, total=False):
     spheres: Sequence[LinkSpheres]
 
 
-class Drawn(Shown, total=False):
+class ReplayContent(ReplayItems, total=False):
     """What a replay shows, and how.
 
     Attributes
@@ -98,7 +98,9 @@ class Drawn(Shown, total=False):
     samples_per_second: float
 
 
-def write_replay(robot: Robot, t: ArrayLike, qs: ArrayLike, path: str | Path, **drawn: Unpack[Drawn]) -> Path:
+def write_replay(
+    robot: Robot, t: ArrayLike, qs: ArrayLike, path: str | Path, **drawn: Unpack[ReplayContent]
+) -> Path:
     """Write a motion as one self-contained HTML file: robot, meshes, animation, viewer.
 
     Parameters
@@ -112,7 +114,7 @@ def write_replay(robot: Robot, t: ArrayLike, qs: ArrayLike, path: str | Path, **
     path : str or Path
         The file; an old one is replaced only when the new one is complete.
     **drawn
-        What is shown, and how: `mbocp.view.replay.Shown` and `Drawn`.
+        What is shown, and how: `mbocp.view.replay.ReplayItems` and `ReplayContent`.
 
     Returns
     -------
@@ -132,7 +134,7 @@ def write_replay(robot: Robot, t: ArrayLike, qs: ArrayLike, path: str | Path, **
 
 
 def replay_page(
-    robot: Robot, t: ArrayLike, qs: ArrayLike, *, below: Below | None = None, **drawn: Unpack[Drawn]
+    robot: Robot, t: ArrayLike, qs: ArrayLike, *, below: Below | None = None, **drawn: Unpack[ReplayContent]
 ) -> str:
     """The page that `write_replay` writes, as text; `below` is what stands under the picture."""
     scene, title, subtitle = _compose(robot, t, qs, **drawn)
@@ -140,7 +142,7 @@ def replay_page(
 
 
 def open_replay(
-    robot: Robot, t: ArrayLike, qs: ArrayLike, *, browser: bool = True, **drawn: Unpack[Drawn]
+    robot: Robot, t: ArrayLike, qs: ArrayLike, *, browser: bool = True, **drawn: Unpack[ReplayContent]
 ) -> None:
     """Show a motion on a live meshcat page until Ctrl-C; arguments as in `write_replay`.
 
@@ -175,7 +177,7 @@ def _compose(
     title: str = "",
     speed: float = 1.0,
     samples_per_second: float = 60.0,
-    **shown: Unpack[Shown],
+    **shown: Unpack[ReplayItems],
 ) -> tuple[Scene, str, str]:
     """The scene, title and subtitle of a replay; a live one has its speed in the scene."""
     motion = _motion(robot, t, qs, speed, samples_per_second)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp._arrays import Array
-from mbocp.accuracy.mesh import Wanted, _Lengths, control_shares, lengths_for
+from mbocp.accuracy.mesh import ErrorTargets, _Lengths, control_shares, lengths_for
 
 LENGTHS = st.lists(st.floats(0.05, 0.2), min_size=3, max_size=30).map(np.array)
 MOST = 20_000
@@ -25,7 +25,7 @@ def test_steps_fill_the_duration_and_change_little_at_once(
 ) -> None:
     rng = np.random.default_rng(seed)
     errors, shares = (10.0 ** rng.uniform(-9, -3, dts.size) for _ in range(2))
-    wanted = Wanted(asked, order, asked, min(order, 2))
+    wanted = ErrorTargets(asked, order, asked, min(order, 2))
     pairs = lengths_for(dts, errors, shares, wanted, most=MOST)
     assert pairs.min() > 0.0
     assert pairs.sum() == pytest.approx(dts.sum(), rel=1e-12)
@@ -51,7 +51,7 @@ def test_errors_of_the_next_steps_are_as_wanted(seed: int, q: int) -> None:
     def local_density(at: Array) -> Array:
         return 1.0 + b * np.cos(a * at) ** 2
 
-    wanted = Wanted(2e-3 ** (p + 1), p, 0.3 * (cost_density(t) @ coarse ** (q + 1)), q)
+    wanted = ErrorTargets(2e-3 ** (p + 1), p, 0.3 * (cost_density(t) @ coarse ** (q + 1)), q)
     pairs = lengths_for(
         coarse,
         local_density(t) * coarse ** (p + 1),
@@ -75,7 +75,7 @@ def test_no_fewer_steps_would_do_for_the_cost() -> None:
         coarse,
         np.full(100, 1e-12),
         density * coarse**3,
-        Wanted(1.0, 4, 0.1 * (density @ coarse**3), 2),
+        ErrorTargets(1.0, 4, 0.1 * (density @ coarse**3), 2),
         most=MOST,
     )
     dts = halve(pairs)
@@ -91,7 +91,7 @@ def test_steps_that_nobody_halves_are_as_few_as_the_cost_allows(seed: int, q: in
     t = np.cumsum(dts) - 0.005
     density = 1.0 + np.random.default_rng(seed).uniform(0.5, 2.0) * np.sin(t) ** 2
     now = float(density @ dts ** (q + 1))
-    wanted = Wanted(1.0, 2 * q, now / aim, q)
+    wanted = ErrorTargets(1.0, 2 * q, now / aim, q)
     found = lengths_for(dts, np.full(400, 1e-9), density * dts ** (q + 1), wanted, most=MOST, in_pairs=False)
     middles = np.cumsum(found) - found / 2
     came_to = np.interp(middles, t, density) @ found ** (q + 1)

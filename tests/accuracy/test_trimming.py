@@ -13,7 +13,7 @@ import pytest
 import mbocp
 from mbocp.accuracy.costs import CostLimit
 from mbocp.accuracy.errors import motion_of, step_errors
-from mbocp.accuracy.mesh import Wanted, lengths_for
+from mbocp.accuracy.mesh import ErrorTargets, lengths_for
 from mbocp.accuracy.rounds import Round
 from mbocp.cli.solution_summary import solution_rows
 from tests.phases.test_partings import thrown
@@ -97,7 +97,7 @@ def test_shares_by_adjoints_make_better_steps_than_local_errors_do() -> None:
     np.testing.assert_allclose(twice.costs, 2.0 * errors.costs, rtol=1e-12)
 
     def placed(shares: np.ndarray) -> float:
-        target = Wanted(1.0, 4, 0.6 * float(shares.sum()), 4)
+        target = ErrorTargets(1.0, 4, 0.6 * float(shares.sum()), 4)
         lengths = lengths_for(motion.dts, plain.largest, shares, target, most=1000, in_pairs=False)
         s = mbocp.solve(case.with_(num_steps=len(lengths), lengths=lengths), warm_start=equal, check=True)
         return away(s, "elastic_pendulum") * len(lengths) ** 4

@@ -18,7 +18,7 @@ from mbocp._arrays import null_space
 from mbocp.cli.app import app
 from mbocp.exceptions import NotConverged
 from mbocp.formulation import Motion, formulate
-from mbocp.formulation.end_reached import RatesMissed, miss_of_end, miss_of_rates
+from mbocp.formulation.end_reached import RateMiss, miss_of_end, miss_of_rates
 from mbocp.formulation.end_rows import end_condition_rows
 from mbocp.formulation.features.changing_constraints import ties_at_end
 from mbocp.formulation.formulate import without_end_rows
@@ -274,7 +274,7 @@ def test_the_end_is_looked_at_again_where_the_motion_ends(monkeypatch: pytest.Mo
 
     def missed_once(formulation: Any, motion: Any) -> Any:
         settings["rounds"] += 1
-        return RatesMissed(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
+        return RateMiss(True, "elsewhere") if settings["rounds"] == 1 else real(formulation, motion)
 
     monkeypatch.setattr(in_turn, "miss_of_rates", missed_once)
     blind = without_end_rows(right, [len(right.end_rows.of_joints) - 1])

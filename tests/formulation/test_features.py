@@ -11,7 +11,7 @@ import pytest
 
 from mbocp.formulation import Motion, formulate
 from mbocp.formulation.features import all_features
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Passage
 from mbocp.formulation.steps import StepSymbols
@@ -27,7 +27,7 @@ class Haste(Feature):
     """A state that adds up the mean speeds of the steps, and a control that makes steps shorter."""
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Haste:
+    def of(cls, problem: Problem, asked: StepRequests) -> Haste:
         return cls()
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
@@ -48,7 +48,7 @@ class Haste(Feature):
         dt = at.dt * (1 - at.given["hurry"] * at.named_inputs["haste"])
         return replace(at, dt=dt, spacing=dt)
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         return step.before[name] + step.dt * (step.s0 + step.s1) / 2
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, np.ndarray]:

@@ -15,7 +15,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import formulate
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.problem import Guess, Problem
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 from mbocp.solution import Solution
 from mbocp.solution.later import is_complete
 from mbocp.solution.rest import place_of_start
@@ -101,7 +101,7 @@ def test_a_problem_nearby_begins_with_the_iterate(change: str) -> None:
 def test_what_means_something_else_is_not_restored() -> None:
     """The same sizes, in another scheme, another step length, or damaged: the motion alone is taken."""
     solution = mbocp.solve(pendulum("se1"), check=True)
-    assert isinstance(solution.iterate, Carried)
+    assert isinstance(solution.iterate, IterateRecord)
     for other in (pendulum("se2"), pendulum("se1", duration=0.7)):
         kept = iterate_from_solution(solution, formulate(other))
         plain = iterate_from_solution(replace(solution, iterate=None), formulate(other))

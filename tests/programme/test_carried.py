@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbocp.programme import BoundMultipliers, Iterate
-from mbocp.programme.iterate import Carried
+from mbocp.programme.iterate import IterateRecord
 
 NAMES = st.lists(st.sampled_from("abcdef"), max_size=8).map(tuple)
 STEPS = 3
@@ -34,13 +34,13 @@ def programme(names: tuple[str, ...]) -> SimpleNamespace:
 
 def test_an_iterate_without_multipliers_names_none() -> None:
     start = replace(iterate(("a", "b"), np.random.default_rng(0)), bounds=None)
-    assert Carried.of(start, programme(("a", "b"))).names == ()
+    assert IterateRecord.of(start, programme(("a", "b"))).names == ()
 
 
 @given(NAMES, NAMES)
 def test_rows_keep_their_multipliers_by_name(before, after):
     start = iterate(before, np.random.default_rng(0))
-    found = Carried.of(start, programme(before)).into(programme(after))
+    found = IterateRecord.of(start, programme(before)).into(programme(after))
     for column, name in enumerate(after):
         is_known = before == after or (before.count(name) == 1 and after.count(name) == 1)
         expected = (

@@ -16,14 +16,14 @@ from mbocp.solution import Column, Solution
 from mbocp.solution.curves import Curves
 from mbocp.solution.joints_sent import Excess
 from mbocp.solution.problem_facts import Facts
-from mbocp.solution.sampled import Sampled
+from mbocp.solution.sampled import JointSamples
 from mbocp.solution.sampled import sample as sample_sent
 from mbocp.solution.sent import motion_as_sent
 
 from .fabricated import fabricate
 
 
-def sample(solution: Solution, rate: float | None = None, interpolation: str | None = None) -> Sampled:
+def sample(solution: Solution, rate: float | None = None, interpolation: str | None = None) -> JointSamples:
     return sample_sent(motion_as_sent(solution, rate, interpolation))
 
 

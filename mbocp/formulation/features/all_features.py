@@ -8,7 +8,7 @@ from mbocp.formulation.features.braking_within import BrakingWithin
 from mbocp.formulation.features.changing_constraints import Reactions, Switches
 from mbocp.formulation.features.clock import Clock, Moment
 from mbocp.formulation.features.control_values import ControlValues
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.features.found_numbers import FoundNumbers
 from mbocp.formulation.features.free_contacts import FreeContacts
 from mbocp.formulation.features.heat import Heat
@@ -47,7 +47,7 @@ _KINDS: tuple[type[Feature], ...] = (
 )
 
 
-def features_of(problem: Problem, asked: Asked) -> tuple[Feature, ...]:
+def features_of(problem: Problem, asked: StepRequests) -> tuple[Feature, ...]:
     """Return the features of a problem."""
     found = (kind.of(problem, asked) for kind in _KINDS)
     return tuple(feature for feature in found if feature is not None)

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.features.lines_within import entry
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
@@ -44,7 +44,7 @@ class BrakingWithin(Feature):
     rows: tuple[tuple[int, int, int], ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> BrakingWithin | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> BrakingWithin | None:
         """Return those of a problem whose speeds and controls vary within a step."""
         rows, model = [], problem.robot.model
         for path, term in _braking(problem):
@@ -73,7 +73,7 @@ class BrakingWithin(Feature):
             for name, key in ((_RESERVES, "reserve"), (_DECELERATIONS, "deceleration"))
         }
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """Angles at which a joint would stand that brakes from either place [rad]."""
         way, h, v0, v1 = step.way(), step.dt, step.s0, step.s1
         b = 3.0 * way / h - v0 - v1

@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, IntArray, dataclass
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Passage
 from mbocp.formulation.steps import StepSymbols
-from mbocp.integrators.switched import Switched
+from mbocp.integrators.switched import ActiveForces
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
 from mbocp.mechanics.held_frames import HeldFrame, held_labels
 from mbocp.problem import Problem
@@ -44,7 +44,7 @@ class Switches(Feature):
     has_impacts: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Switches | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Switches | None:
         """Return them where there are some."""
         table = problem.timeline.switches
         if table is None:
@@ -74,7 +74,7 @@ class Switches(Feature):
         always = ca.SX.ones(at.mechanics.nc - self.num_own)
         active = ca.vertcat(always, at.given.get(_ACTIVE, ca.SX.zeros(0, 1)))
         is_impact, nothing = at.given.get(_IS_IMPACT, ca.SX(0)), ca.SX.zeros(active.numel())
-        return replace(at, switched=Switched(self.held, active, is_impact, nothing))
+        return replace(at, switched=ActiveForces(self.held, active, is_impact, nothing))
 
     def idle_cost(self, at: StepSymbols) -> ca.SX:
         """Half the square of the controls of impacts, on which nothing depends."""
@@ -131,7 +131,7 @@ def ties_at_end(problem: Problem, q: Array) -> tuple[Array, Array] | None:
     return table.at_end(q, of_rates=False), table.at_end(q, of_rates=True)
 
 
-def acting(problem: Problem, values: Array) -> Array:
+def active_values(problem: Problem, values: Array) -> Array:
     """Values of the rows of all constraints (N, rows), zero where these do not act."""
     table = problem.timeline.switches
     return values if table is None else np.where(np.hstack([table.own, table.rows]), values, 0.0)
@@ -174,7 +174,7 @@ def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintVi
     if robot.nc:
         residuals, jacobians = robot.closure_along(qs)
         own = residuals[:, kept], np.einsum("nij,nj->ni", jacobians[:, kept], vs)
-    at_start = [np.hstack(table.acting_at_start(of_rates=of_rates))[None] for of_rates in (False, True)]
+    at_start = [np.hstack(table.rows_at_start(of_rates=of_rates))[None] for of_rates in (False, True)]
     acts = np.hstack([table.own, table.rows])
     names = [label.name for label in (*robot.constraint_labels, *table.labels)]
     rates = np.einsum("nij,nj->ni", table.jacobians(qs), vs)
@@ -209,7 +209,7 @@ def violation_within(problem: Problem, qs: Array) -> float:
     middles = between(robot, qs[:-1], qs[1:], np.full(len(qs) - 1, 0.5))
     found = robot.closure_along(middles)[0][:, list(robot.kept_rows)] if robot.nc else middles[:, :0]
     if table is not None:
-        found = acting(problem, np.hstack([found, _places(table, qs, middles)]))
+        found = active_values(problem, np.hstack([found, _places(table, qs, middles)]))
     return float(np.abs(found).max(initial=0.0))
 
 
@@ -220,7 +220,7 @@ class Reactions(Feature):
     rows: tuple[int, ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Reactions | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Reactions | None:
         """Return those that path constraints look at."""
         rows = _rows_of(term for term in asked.path if isinstance(term, ContactTerm))
         return cls(rows) if rows else None
@@ -234,7 +234,7 @@ class Reactions(Feature):
         """Which rows they are."""
         return {"reactions": self.rows}
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """Forces in the step."""
         return step.forces(self.rows) / step.units[name]
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
@@ -29,7 +29,7 @@ class Clock(Feature):
     """Path constraints see states alone, so these hold the time; free lengths have a clock of their own."""
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Clock | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Clock | None:
         """Return it where something moves by the time."""
         return cls() if asked.has_movers and not problem.timeline.has_free_lengths else None
 
@@ -67,7 +67,7 @@ class Moment(Feature):
     tau: float
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Moment | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Moment | None:
         """Return it where a term looks at the time, and states have no clock."""
         return cls(asked.tau) if asked.uses_time and not problem.timeline.has_free_times else None
 

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols, within
@@ -49,7 +49,7 @@ class ControlValues(Feature):
     is_continuous: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> ControlValues:
+    def of(cls, problem: Problem, asked: StepRequests) -> ControlValues:
         """Return those of the scheme and of what a problem says of its controls."""
         return cls(shares_of(problem.controls, problem.scheme), problem.controls == "linear")
 

@@ -34,7 +34,7 @@ _NOTHING: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
-class Asked:
+class StepRequests:
     """What the terms of a problem ask of its steps.
 
     Attributes
@@ -77,7 +77,7 @@ class Feature(ABC):
 
     @classmethod
     @abstractmethod
-    def of(cls, problem: Problem, asked: Asked) -> Feature | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Feature | None:
         """Return the feature of a problem; None where it has none."""
 
     # What the functions depend on
@@ -150,7 +150,7 @@ class Feature(ABC):
         """
         return at
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """Return the value of a remembered block after a step: of symbols, or of arrays with a row a step.
 
         Only features that remember something are asked.

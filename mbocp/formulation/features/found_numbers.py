@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
@@ -46,7 +46,7 @@ class FoundNumbers(Feature):
     weights = frozenset({_LINEAR, _SQUARE})
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> FoundNumbers | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> FoundNumbers | None:
         """Return those of the problem."""
         return cls(tuple(one.words for one in problem.parameter)) if problem.parameter else None
 
@@ -95,7 +95,7 @@ class FoundNumbers(Feature):
         equations = partial(self._equations, at.mechanics, at.given)
         return replace(at, mechanics=equations(s), found=s, of_found=equations)
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """What was before, and e w."""
         return step.before[name] + (1.0 - step.has_before) * step.controls[_FOUND]
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.changing_constraints import reaction_unit, reactions_along
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols, unit_of
@@ -43,7 +43,7 @@ class FreeContacts(Feature):
     rows: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> FreeContacts | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> FreeContacts | None:
         """Return those of the path constraints."""
         rows = tuple(term.of_rows for term in asked.path if isinstance(term, FreeContactTerm))
         return cls(rows) if rows else None
@@ -79,7 +79,7 @@ class FreeContacts(Feature):
         given[self._places] = at.dt * at.given[unit_of("reaction")] * at.named_inputs[_FEET]
         return replace(at, switched=at.switched._replace(given=given))
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """The control of the step."""
         return step.controls[SLIP]
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_squares, shares_of
@@ -43,7 +43,7 @@ class Heat(Feature):
     shares: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Heat | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Heat | None:
         """Return those of the limits."""
         entries = tuple(np.flatnonzero(problem.limits.finite("rms")).tolist())
         return cls(entries, shares_of(problem.controls, problem.scheme)) if entries else None
@@ -62,7 +62,7 @@ class Heat(Feature):
         """Which controls they are of."""
         return {_HEAT: list(self.entries)}
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """What was before, and the excess of the square in the time of the step."""
         values, squares = self._values(step), control_squares(self.shares)
         square = sum(

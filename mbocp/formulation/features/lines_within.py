@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis, shares_of
@@ -52,7 +52,7 @@ class LinesWithin(Feature):
     shares: tuple[float, ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> LinesWithin | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> LinesWithin | None:
         """Return those of a problem whose limits are to hold within steps."""
         rows = [
             (place, -1 if one.control is None else one.control, one.dof)
@@ -83,7 +83,7 @@ class LinesWithin(Feature):
         gains = np.concatenate([np.full(len(one.slopes), one.gain) for one in lines])
         return {_GAINS: gains, _SLOPES: np.concatenate([one.slopes for one in lines])}
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """The rows at their places in the step."""
         speeds, rates, controls = [step.s0], [step.acceleration], self._controls(step)
         if any(place for place, _, _ in self.rows):  # of cubics

@@ -23,7 +23,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.problem import Problem
@@ -42,7 +42,7 @@ class Rule:
         Whether it has an entry for each control or for each speed.
     words : str
         What its rows are called, before the name of a control or speed.
-    following : callable
+    next_value : callable
         `Passage` -> the value after the step.
     has_unit : bool
         Whether it counts in a unit of its own; else in those of the controls.
@@ -54,7 +54,7 @@ class Rule:
 
     of: Literal["u", "s"]
     words: str
-    following: Callable[[Passage], Any]
+    next_value: Callable[[Passage], Any]
     has_unit: bool = True
     needs: tuple[str, ...] = ()
     asks_for_first: bool = False
@@ -112,7 +112,7 @@ class Memory(Feature):
     has_control_before: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Memory | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Memory | None:
         """Return what the cost, the path constraints, the end, and linear controls look at."""
         of_cost = {"control"} if asked.couples_steps or problem.controls == "linear" else set()
         names = order_blocks(of_cost | asked.remembers)
@@ -136,11 +136,11 @@ class Memory(Feature):
         """Whether a rule does."""
         return any(RULES[name].asks_for_first for name in self.names)
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """By the rule of the block."""
         if name == "control_rate" and self.has_control_before:
             return _control_rate_from_start(step)
-        return RULES[name].following(step)
+        return RULES[name].next_value(step)
 
     def units(self, problem: Problem) -> Mapping[str, float]:
         """Those of the limits."""

@@ -26,7 +26,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.formulation.end_rows import independent_rows
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
@@ -59,7 +59,7 @@ class MovedStart(Feature):
     asks_for_first = True  # it moves the first step alone
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> MovedStart | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> MovedStart | None:
         """Return it where some directions are free."""
         directions = _free_directions(problem)
         return cls(directions, "start" in asked.remembers) if directions else None
@@ -91,7 +91,7 @@ class MovedStart(Feature):
         at0 = at.space.move(at.x0, along, start_move(at.named_inputs["moves"]))
         return replace(at, at0=at0, start_move=start_move)
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """What was before, and e w."""
         return step.before[name] + (1.0 - step.has_before) * step.controls["moves"]
 

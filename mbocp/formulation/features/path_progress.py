@@ -20,7 +20,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Motion, Passage
 from mbocp.formulation.steps import StepSymbols
@@ -42,7 +42,7 @@ class Progress(Feature):
     num_paths: int
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> Progress | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> Progress | None:
         """Return those of the path constraints."""
         count = sum("progress" in term.remembers for term in asked.path)
         return cls(count) if count else None
@@ -65,9 +65,9 @@ class Progress(Feature):
         """How many there are."""
         return {"num_paths": self.num_paths}
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """What was before, and e w."""
-        return step.before[name] + gained(step)
+        return step.before[name] + progress_in_step(step)
 
     def idle_cost(self, at: StepSymbols) -> ca.SX:
         """Half the square of paces that nothing depends on."""
@@ -93,11 +93,11 @@ class Progress(Feature):
     def controls_of(self, problem: Problem, motion: Motion) -> Mapping[str, Array]:
         """Paces that the configurations have."""
         e = advances(problem)
-        gained = np.diff(progress_along(problem, motion.qs), axis=0)
-        return {"paces": np.divide(gained, e, out=np.zeros_like(e), where=e > 0.0)}
+        progress_in_step = np.diff(progress_along(problem, motion.qs), axis=0)
+        return {"paces": np.divide(progress_in_step, e, out=np.zeros_like(e), where=e > 0.0)}
 
 
-def gained(step: Passage) -> Any:
+def progress_in_step(step: Passage) -> Any:
     """Progress along each path in a step, e w."""
     return step.given[_ADVANCES] * step.controls["paces"]
 

@@ -23,8 +23,8 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
-from mbocp.formulation.features.path_progress import gained
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
+from mbocp.formulation.features.path_progress import progress_in_step
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
 from mbocp.mechanics import Mechanics
@@ -54,7 +54,7 @@ class PathsWithin(Feature):
     terms: tuple[PathTerm, ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> PathsWithin | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> PathsWithin | None:
         """Return those of a problem whose path constraints are to hold within steps."""
         pairs = zip(problem.path, asked.path, strict=False)
         terms = {id(path): term for path, term in pairs}  # those that follow paths know which is theirs
@@ -80,7 +80,7 @@ class PathsWithin(Feature):
         paths = enumerate(_paths(problem))
         return {_name(k, key): value for k, path in paths for key, value in path.numbers.items()}
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """The coefficients of the expressions."""
         way, mechanics = step.way(), step.mechanics()
         numbers = {name: step.given[name] for name in self.parameters}
@@ -89,7 +89,7 @@ class PathsWithin(Feature):
         for share in _SHARES.tolist():
             place = [step.q0, cubic.ways(share), cubic.speeds(share)]
             if any(term.remembers for term in self.terms):
-                place.append(step.before["progress"] + share * gained(step))
+                place.append(step.before["progress"] + share * progress_in_step(step))
             if isinstance(way, np.ndarray):
                 symbols = [ca.SX.sym("x", values.shape[1]) for values in place]
                 given = {key: ca.SX(ca.DM(value)) for key, value in numbers.items()}

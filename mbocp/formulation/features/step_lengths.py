@@ -30,7 +30,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation.features.changing_constraints import fill_lengths
 from mbocp.formulation.features.clock import STEP_SHARE
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.layout import Block, StateLayout
 from mbocp.formulation.motion import Motion
 from mbocp.formulation.steps import StepSymbols
@@ -58,7 +58,7 @@ class StepLengths(Feature):
     has_jerks: bool = False
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> StepLengths | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> StepLengths | None:
         """Return it where lengths are free."""
         if not problem.timeline.has_free_lengths:
             return None
@@ -191,7 +191,7 @@ class UnequalLengths(Feature):
     """Each step takes its own length, so that states hold none."""
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> UnequalLengths | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> UnequalLengths | None:
         """Return it where a problem says so."""
         return cls() if problem.timeline.has_unequal_lengths else None
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from mbocp._arrays import Array, dataclass
-from mbocp.formulation.features.feature import Asked, Feature
+from mbocp.formulation.features.feature import Feature, StepRequests
 from mbocp.formulation.steps import StepSymbols
 from mbocp.problem import Problem
 
@@ -19,7 +19,7 @@ class VaryingWeights(Feature):
     sizes: tuple[tuple[str, int], ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> VaryingWeights | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> VaryingWeights | None:
         """Return it where phases have weights of their own that a term knows."""
         known = {name for term in asked.cost for name in term.weights}
         shares = problem.weight_shares

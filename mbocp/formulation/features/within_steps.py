@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, IntArray, dataclass
-from mbocp.formulation.features.feature import Asked, Feature, infinite_bounds
+from mbocp.formulation.features.feature import Feature, StepRequests, infinite_bounds
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.layout import Block
 from mbocp.formulation.motion import Passage
@@ -49,7 +49,7 @@ class WithinSteps(Feature):
     entries: tuple[tuple[str, tuple[int, ...]], ...]
 
     @classmethod
-    def of(cls, problem: Problem, asked: Asked) -> WithinSteps | None:
+    def of(cls, problem: Problem, asked: StepRequests) -> WithinSteps | None:
         """Return those of a problem whose limits are to hold within steps."""
         entries = _entries(problem)
         return cls(entries) if entries else None
@@ -70,7 +70,7 @@ class WithinSteps(Feature):
         """Which they are."""
         return {block_within(key): list(own) for key, own in self.entries}
 
-    def following(self, name: str, step: Passage) -> Any:
+    def next_value(self, name: str, step: Passage) -> Any:
         """The coefficients b [m/s, rad/s], or a_0 and a_1 [m/s^2, rad/s^2], or the jerk in its unit."""
         b = 3.0 * step.way() / step.dt - step.s0 - step.s1
         key, own = next((key, list(own)) for key, own in self.entries if block_within(key) == name)

@@ -11,7 +11,7 @@ from mbocp.formulation.base import Duals
 from mbocp.formulation.build import needs_plain_states, signature_of
 from mbocp.formulation.end_rows import consistent_velocity, end_condition_rows
 from mbocp.formulation.features.changing_constraints import (
-    acting,
+    active_values,
     add_held_columns,
     fill_impulses,
     fill_lengths,
@@ -82,7 +82,7 @@ class ImplicitFormulation(JointFormulation):
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
         return Duals(
             lams=iterate.ys / dts,
-            zetas=acting(problem, iterate.ms[:, self.layout.ndx :] / dts**2),
+            zetas=active_values(problem, iterate.ms[:, self.layout.ndx :] / dts**2),
             states=states,
             costates=costates,
             mus=self._adjoints(iterate, motion, costates)

@@ -109,7 +109,7 @@ class NaturalFormulation(Formulation):
         else:
             ws = self.space.rates(motion.qs, motion.vs)
         xs, us = self.states.of_motion(motion, (zs, ws), programme.x_start)
-        acts = _acting(self.problem, self.space.mechanics)
+        acts = _active_rows(self.problem, self.space.mechanics)
         ys = _impulses(programme, at, xs, us, acts)  # what is remembered has no part in the balance
         loops = ys[:, self.space.mechanics.nc - self.problem.robot.nc :]
         xs = self.states.remember(xs, us, loops / fill_impulses(self.problem, motion.dts))
@@ -139,7 +139,7 @@ class NaturalFormulation(Formulation):
         return Duals(
             lams=iterate.ys / dts,
             zetas=np.where(
-                _acting(self.problem, self.space.mechanics), iterate.ms[:, at.ndx :] / dts**2, 0.0
+                _active_rows(self.problem, self.space.mechanics), iterate.ms[:, at.ndx :] / dts**2, 0.0
             ),
             states=states,
             costates=costates,
@@ -238,7 +238,7 @@ def _natural_end(problem: Problem, mechanics: NaturalMechanics, rows: EndRows) -
     return EndTarget(rows.D_q @ inverse, rows.D_rate @ J.T, momentum)
 
 
-def _acting(problem: Problem, mechanics: NaturalMechanics) -> BoolArray:
+def _active_rows(problem: Problem, mechanics: NaturalMechanics) -> BoolArray:
     """Which rows act in which step, those of bodies always, shape (N, ny)."""
     table = problem.timeline.switches
     if table is None:

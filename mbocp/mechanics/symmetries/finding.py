@@ -73,7 +73,7 @@ def _symmetries_of(robot: Robot, joints: frozenset[int]) -> tuple[Symmetry, ...]
     rows = list(ansatz.static_rows())
     for q in _random_configurations(robot, ansatz.size + 8):
         rows += _motion_rows(robot, q, ansatz.features(q), joints)
-    basis = _moving(null_space(np.vstack(rows), _RANK_TOLERANCE))
+    basis = _drop_idle_twists(null_space(np.vstack(rows), _RANK_TOLERANCE))
     basis, omegas = _with_actuation(robot, ansatz, basis)
     return tuple(
         ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
@@ -182,7 +182,7 @@ def _support(robot: Robot, joints: frozenset[int]) -> Any:
     return moving & own
 
 
-def _moving(basis: Array) -> Array:
+def _drop_idle_twists(basis: Array) -> Array:
     """Without the twists that move no coordinate: those of a rotor without mass go anywhere."""
     if basis.shape[1] == 0:
         return basis

@@ -166,7 +166,7 @@ class _Places:
         slots = {label.name: slice(i, i + 1) for i, label in enumerate(robot.u_labels)}
         return cls(slots, robot.u_labels, partial(_unknown_control, robot, key))
 
-    def named(self, robot: Robot, written: Mapping[str, Any]) -> Iterator[tuple[str, list[int]]]:
+    def name_places(self, robot: Robot, written: Mapping[str, Any]) -> Iterator[tuple[str, list[int]]]:
         """Names of a table, and places that they stand for."""
         labels = self.labels
         if self.usable is not None:  # labels without a name stand for nothing
@@ -196,7 +196,7 @@ def _sides(robot: Robot, key: str, written: Any, own: _Sides, places: _Places) -
     if written is None or written is False:
         return lower, upper
     if isinstance(written, Mapping):
-        for name, at in places.named(robot, written):
+        for name, at in places.name_places(robot, written):
             own_labels = [labels[i] for i in at]
             lower[at], upper[at] = _of_name(written[name], f"{key}.{name}", own_labels, key)
     elif isinstance(written, Sequence):

@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 from mbocp._arrays import dataclass
 from mbocp._files import is_file, path_of, read_toml
 from mbocp._keys import Kind, Table
-from mbocp._measured import Measured, plain_number
+from mbocp._measured import KeyUnits, plain_number
 from mbocp._quantities import Quantity
 from mbocp._text import show
 from mbocp.exceptions import ProblemError, Unreadable, suggest
@@ -86,8 +86,8 @@ def _pairs(value: Any) -> list[list[float]]:
 _PerJoint = Annotated[Any, Kind(_WRITTEN, _numbers, Any)]
 _OverSpeed = Annotated[Any, Kind(_OVER_SPEED, partial(_numbers, over=("payload", "speed")), Any)]
 _Plain = Annotated[Any, Kind("number, or list with an entry for each joint", _one, Any)]
-_PARTS = (("payload", Measured("kg")), ("speed", Measured("m/s, rad/s")))
-_RATE, _SECOND_RATE = Measured("m/s, rad/s", _PARTS), Measured("m/s^2, rad/s^2", _PARTS)
+_PARTS = (("payload", KeyUnits("kg")), ("speed", KeyUnits("m/s, rad/s")))
+_RATE, _SECOND_RATE = KeyUnits("m/s, rad/s", _PARTS), KeyUnits("m/s^2, rad/s^2", _PARTS)
 
 
 class _BrakingTable(Table):
@@ -104,13 +104,13 @@ class ProfileTable(Table):
     joints: list[str]
     robots: list[str] = Field(default_factory=list)
     degrees: bool = False  # and not radians, for all that is an angle
-    position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any), Measured("m, rad")] = None
+    position: Annotated[Any, Kind("[lower, upper] for each joint", _pairs, Any), KeyUnits("m, rad")] = None
     velocity: Annotated[_PerJoint, _RATE] = None
     acceleration: Annotated[_OverSpeed, _SECOND_RATE] = None
-    jerk: Annotated[_PerJoint, Measured("m/s^3, rad/s^3", _PARTS)] = None
-    effort: Annotated[_OverSpeed, Measured("N, N m", _PARTS)] = None
-    effort_rate: Annotated[_PerJoint, Measured("N/s, N m/s", _PARTS)] = None
-    power: Annotated[_PerJoint, Measured("W", _PARTS)] = None
+    jerk: Annotated[_PerJoint, KeyUnits("m/s^3, rad/s^3", _PARTS)] = None
+    effort: Annotated[_OverSpeed, KeyUnits("N, N m", _PARTS)] = None
+    effort_rate: Annotated[_PerJoint, KeyUnits("N/s, N m/s", _PARTS)] = None
+    power: Annotated[_PerJoint, KeyUnits("W", _PARTS)] = None
     braking: _BrakingTable | None = None
 
 

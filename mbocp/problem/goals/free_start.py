@@ -167,7 +167,7 @@ def kept_at_start(
         Of the held frames.
     """
     every = np.ones(robot.nc, dtype=np.bool_), np.zeros(0, dtype=np.bool_)
-    own, held = every if switches is None else switches.acting_at_start(of_rates=of_rates)
+    own, held = every if switches is None else switches.rows_at_start(of_rates=of_rates)
     mask = free.v if of_rates else free.q
     if of_rates and np.any(v) and free.q.any():
         return own, held

@@ -104,7 +104,7 @@ def with_rows_and_room(
         return None
     missing, reserve, chosen = set(missing_pairs(problem, t, qs, vs)), rows.reserves, rows.chosen
     if depths:
-        more = _lacking(rows, t, qs, vs, depths)
+        more = _shortfalls(rows, t, qs, vs, depths)
         missing |= set(np.flatnonzero(more).tolist())
         # With more it jumps over something: that takes more steps.
         reserve = np.where(reserve + more <= _MOST, reserve + more, reserve)
@@ -120,7 +120,7 @@ def with_rows_and_room(
     return found, has_more_rows
 
 
-def _lacking(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]) -> Array:
+def _shortfalls(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing.
 
     A pair that has had no row is short of what the motion cuts off between nodes: its row keeps the rest.

@@ -34,7 +34,7 @@ _NUM_POSES = 3  # around the start, where a symmetry has to keep what is held
 _SPREAD = 0.2  # [m, rad]
 
 
-class Compared(NamedTuple):
+class CycleBases(NamedTuple):
     """Bases of the directions in which the end and the image of the start can differ, shapes (nv, any)."""
 
     positions: Array
@@ -43,7 +43,7 @@ class Compared(NamedTuple):
 
 def compare_ends(
     table: SwitchTable, free: FreeStart | None, periodic: Periodic, ends: tuple[Array, Array]
-) -> Compared:
+) -> CycleBases:
     """Return the directions that a cycle compares.
 
     Parameters
@@ -62,7 +62,7 @@ def compare_ends(
     velocities = _sum(_end_directions(table, q_end, of_rates=True), A @ starts[1])
     kept = table.jacobians(q_end[None])[0][_always(table)]
     shared = _intersection(positions, null_space(kept, RANK_TOLERANCE))
-    return Compared(align(shared), align(velocities))
+    return CycleBases(align(shared), align(velocities))
 
 
 def check_cycle(

@@ -139,7 +139,7 @@ class SwitchTable:
             found.append(null_space((mine @ loose).T, RANK_TOLERANCE).T @ mine)
         return np.vstack(found)
 
-    def acting_at_start(self, *, of_rates: bool) -> tuple[BoolArray, BoolArray]:
+    def rows_at_start(self, *, of_rates: bool) -> tuple[BoolArray, BoolArray]:
         """Which rows a start has to keep, of the robot's constraints (nc,) and of the held frames (rows,).
 
         Before an impact velocities are whatever they are, and what is held where it is, is there.
@@ -151,7 +151,7 @@ class SwitchTable:
 
     def at_start(self, q: Array, *, of_rates: bool) -> Array:
         """Derivatives of the rows that a start has to keep, shape (any, nv)."""
-        return self.derivatives(q, *self.acting_at_start(of_rates=of_rates))
+        return self.derivatives(q, *self.rows_at_start(of_rates=of_rates))
 
     def in_step(self, q: Array, step: int) -> Array:
         """Derivatives of all rows that act in a step, at a configuration, shape (any, nv)."""

@@ -68,14 +68,14 @@ def cover(solid: Solid, tolerance: float, most: int) -> Cover:
     found: list[tuple[Cover, float]] = []
     for count in range(1, most + 1):
         made = _balls(points, count).enlarge(solid.surface)
-        found.append((made, float(sticking_out(made, solid).max())))
+        found.append((made, float(protrusions(made, solid).max())))
         if found[-1][1] <= tolerance:
             return made
     best = min(out for _, out in found)
     return next(made for made, out in found if out <= _NEARLY * best)
 
 
-def sticking_out(spheres: Cover, solid: Solid) -> Array:
+def protrusions(spheres: Cover, solid: Solid) -> Array:
     """How far each sphere sticks out of the solid, shape (k,) [m]."""
     around = spheres.centers[:, None] + spheres.radii[:, None, None] * _DIRECTIONS
     return np.asarray(solid.outside(around.reshape(-1, 3)).reshape(len(spheres.radii), -1).max(axis=1))

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass, freeze
 from mbocp.robot import kinematics
-from mbocp.robot.collision.covering_spheres import Cover, cover, sticking_out
+from mbocp.robot.collision.covering_spheres import Cover, cover, protrusions
 from mbocp.robot.collision.fit_cache import load_or_fit
 from mbocp.robot.collision.geometry import CollisionSphere
 from mbocp.robot.collision.solid import Solid, box_around, surface_points
@@ -141,17 +141,17 @@ def _fit(
 ) -> dict[str, Array]:
     """Spheres of a link in the axes of its joint, where they come from, and how well they cover."""
     solid = Solid.of(shapes) if shapes else None
-    origin, made = _covering(placement, shapes, given, solid, tolerance)
+    origin, made = _cover_link(placement, shapes, given, solid, tolerance)
     sticks_out = uncovered = gap = np.nan
     if solid is not None:
-        sticks_out = float(sticking_out(made, solid).max()) if origin != "urdf" else 0.0
+        sticks_out = float(protrusions(made, solid).max()) if origin != "urdf" else 0.0
         gaps = made.gaps(_sample_points(shapes, solid, 2 * _OTHER))
         uncovered, gap = float((gaps > _ROUND_OFF).mean()), float(gaps.max())
     measures = np.array([sticks_out, uncovered, gap])
     return {"centers": made.centers, "radii": made.radii, "origin": np.array(origin), "measures": measures}
 
 
-def _covering(
+def _cover_link(
     placement: pin.SE3,
     shapes: Sequence[pin.GeometryObject],
     given: Sequence[CollisionSphere],

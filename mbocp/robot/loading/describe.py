@@ -18,7 +18,7 @@ from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.addresses import resolve
 from mbocp.robot.loading.combine import combine
-from mbocp.robot.loading.description import Description, Reading
+from mbocp.robot.loading.description import Description, ReadOptions
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.joint_numbers import Losses
 from mbocp.robot.loading.locking import by_joint
@@ -64,7 +64,7 @@ def describe_source(
     if keys.arguments and not source.is_file:
         raise RobotError(f"arguments: robot {source.name!r} takes none; only xacro files do")
     has_dynamics, inertias = _masses(table, keys)
-    how = Reading(keys.free_flyer, keys.mimic, (*folders, *source.package_dirs), inertias)
+    how = ReadOptions(keys.free_flyer, keys.mimic, (*folders, *source.package_dirs), inertias)
     if table is not None:
         found = _with_table(source, table, keys, how)
     elif source.kind == "chain":
@@ -91,14 +91,14 @@ def _masses(table: RobotTable | None, keys: ReadingKeys) -> tuple[bool, Inertias
     return False, None
 
 
-def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, how: Reading) -> Description:
+def _with_table(source: Source, table: RobotTable, keys: ReadingKeys, how: ReadOptions) -> Description:
     """The model that a robot.toml names, with its tables."""
     path, folders = model_file(source.path, table, how.folders)
     arguments = {**(table.arguments or {}), **(keys.arguments or {})}
     name, reader = table.name or source.name, reader_of(path, folders, arguments)
     free_flyer = table.free_flyer if how.free_flyer is None else how.free_flyer
     mimic = table.mimic if how.mimic is None else how.mimic
-    found = reader.read(path, name, Reading(free_flyer, mimic, folders, how.inertias))
+    found = reader.read(path, name, ReadOptions(free_flyer, mimic, folders, how.inertias))
     return replace(found, name=name, table=_add(found.table, table), file=source.path)
 
 

@@ -35,7 +35,7 @@ class Oddity(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """How a file is read.
 
     Attributes

@@ -16,13 +16,13 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.addresses import root_of_stored
 
 if TYPE_CHECKING:
-    from mbocp.robot.loading.description import Description, Oddity, Reading
+    from mbocp.robot.loading.description import Description, Oddity, ReadOptions
 
 
 class Reader(Protocol):
     """The module of a format. Each function raises `RobotFileError` for a file that cannot be read."""
 
-    def read(self, path: Path, name: str, how: Reading) -> Description:
+    def read(self, path: Path, name: str, how: ReadOptions) -> Description:
         """Read a robot; it is called `name` if the file gives it no name."""
 
     def companions(self, path: Path) -> tuple[Path, ...]:

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from mbocp._arrays import plain
-from mbocp._keys import Declared, Key, Kind
+from mbocp._keys import Key, KeyGroup, Kind
 from mbocp._quantities import finite_number, named_numbers
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
@@ -78,7 +78,7 @@ OF_FILES = (
 _OF_ROBOTS = ("lock", "actuated", *OF_FILES[1:], "package_dirs")
 
 
-class ReadingKeys(Declared):
+class ReadingKeys(KeyGroup):
     """How a robot is read: keys of `[robot]`, and of each part beside others."""
 
     free_flyer: Annotated[bool | None, Key("whether the root link floats", "", _OWN)] = None
@@ -201,7 +201,7 @@ class PartTable(ReadingKeys, ShapeTable):
         return placement_from(self.position, self.orientation)
 
 
-class _HeadKeys(Declared):
+class _HeadKeys(KeyGroup):
     name: Annotated[
         str | None, Key("name of a robot, or path of a URDF or `robot.toml`", "", "required, or `robot.part`")
     ] = None

@@ -7,9 +7,9 @@ from typing import Annotated, Any, TypeAlias, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from mbocp._keys import Declared, Key, Kind
+from mbocp._keys import Key, KeyGroup, Kind
 from mbocp._keys import Table as KeyTable
-from mbocp._measured import Measured
+from mbocp._measured import KeyUnits
 from mbocp._quantities import finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
@@ -52,9 +52,9 @@ def _name(value: Any) -> str:
 
 
 Inertia: TypeAlias = Annotated[
-    Any, Kind(_INERTIA, _inertia, list[float] | dict[str, float]), Measured("kg m^2")
+    Any, Kind(_INERTIA, _inertia, list[float] | dict[str, float]), KeyUnits("kg m^2")
 ]
-Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number), Measured("kg")]
+Mass: TypeAlias = Annotated[float, BeforeValidator(finite_number), KeyUnits("kg")]
 Name: TypeAlias = Annotated[str, BeforeValidator(_name)]
 
 
@@ -67,7 +67,7 @@ def check_body(**said: Any) -> None:
         raise ValueError(f"{key}: got {error.got}, expected {error.expected}") from error
 
 
-class ShapeTable(Declared):
+class ShapeTable(KeyGroup):
     """Mass and shape of a body."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
@@ -204,7 +204,7 @@ def motor_of(joint: str) -> str:
 class LinkTable(Table):
     """Mass of a link, and its centre of mass and inertia; those of its shapes where they are missing."""
 
-    mass: Annotated[Positive, Measured("kg")]
+    mass: Annotated[Positive, KeyUnits("kg")]
     com: Position | None = None
     inertia: Inertia | None = None
 

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from mbocp._files import read_toml
-from mbocp._measured import Measured
+from mbocp._measured import KeyUnits
 from mbocp._text import find_repeated
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.loading.joint_numbers import FrictionModel
@@ -73,7 +73,7 @@ class JointActuator(Table):
 
     type: Literal["joint"]
     joint: str
-    effort: Annotated[Efforts, Measured("N, N m"), AfterValidator(_rising)] | None = None
+    effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_rising)] | None = None
 
 
 class Wrench(Table):
@@ -83,7 +83,7 @@ class Wrench(Table):
     frame: str
     name: str | None = None
     components: list[Component] = Field(default=["fx", "fy", "fz", "mx", "my", "mz"], min_length=1)
-    effort: Annotated[PositiveFloat | list[PositiveFloat], Measured("N, N m")] | None = None
+    effort: Annotated[PositiveFloat | list[PositiveFloat], KeyUnits("N, N m")] | None = None
 
     @model_validator(mode="after")
     def _one_effort_a_component(self) -> Wrench:
@@ -102,8 +102,8 @@ class Thruster(Table):
     name: str | None = None
     axis: Direction = (0.0, 0.0, 1.0)
     position: Place = (0.0, 0.0, 0.0)
-    torque_ratio: Annotated[Number, Measured("m")] = 0.0
-    effort: Annotated[Efforts, Measured("N"), AfterValidator(_rising)] | None = None
+    torque_ratio: Annotated[Number, KeyUnits("m")] = 0.0
+    effort: Annotated[Efforts, KeyUnits("N"), AfterValidator(_rising)] | None = None
 
 
 class Tendon(Table):
@@ -113,7 +113,7 @@ class Tendon(Table):
     name: Printable
     joints: list[str] = Field(min_length=1)
     ratios: list[Number]
-    effort: Annotated[Efforts, Measured("N, N m"), AfterValidator(_rising)] | None = None
+    effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_rising)] | None = None
 
     @model_validator(mode="after")
     def _one_ratio_a_joint(self) -> Tendon:
@@ -133,7 +133,7 @@ class DriveTable(Table):
     direction: Direction | None = None
     joints: Annotated[list[str], Field(min_length=1)] | None = None
     control: Literal["velocity", "acceleration"]
-    limit: Annotated[PositiveFloat, Measured("those of the number")] | None = None  # of the control
+    limit: Annotated[PositiveFloat, KeyUnits("those of the number")] | None = None  # of the control
 
     @model_validator(mode="after")
     def _a_joint_or_a_frame(self) -> DriveTable:
@@ -153,8 +153,8 @@ class QuarticSpringTable(PairTable):
     """A spring with a quartic potential."""
 
     type: Literal["quartic"] = "quartic"
-    stiffness: Annotated[PositiveNumber, Measured("N/m")] | None = None
-    coefficient: Annotated[PositiveNumber, Measured("N/m^3")] | None = None
+    stiffness: Annotated[PositiveNumber, KeyUnits("N/m")] | None = None
+    coefficient: Annotated[PositiveNumber, KeyUnits("N/m^3")] | None = None
     length: Metres | None = None
 
     @model_validator(mode="after")
@@ -167,15 +167,15 @@ class QuarticSpringTable(PairTable):
 class SpringDamperTable(PairTable):
     """A linear spring and damper."""
 
-    stiffness: Annotated[Length, Measured("N/m")] = 0.0
-    damping: Annotated[Length, Measured("N s/m")] = 0.0
-    length: Annotated[Length, Measured("m")] | None = None
+    stiffness: Annotated[Length, KeyUnits("N/m")] = 0.0
+    damping: Annotated[Length, KeyUnits("N s/m")] = 0.0
+    length: Annotated[Length, KeyUnits("m")] | None = None
 
 
 class InitialTable(Table):
     """[initial]: the initial pose, as the whole configuration or by joint."""
 
-    q: Annotated[list[Number] | dict[str, Numbers], Measured("m, rad")]
+    q: Annotated[list[Number] | dict[str, Numbers], KeyUnits("m, rad")]
 
 
 class VisualTable(Table):
@@ -224,14 +224,14 @@ class RobotTable(Table):
     urdf: str = "robot.urdf"
     package_dirs: list[str] = Field(default=[])
     free_flyer: bool | None = None
-    gravity: Annotated[Vector3, Measured("m/s^2")] | None = None
-    lock: Annotated[list[str] | dict[str, Numbers], Measured("m, rad")] = Field(default=[])
+    gravity: Annotated[Vector3, KeyUnits("m/s^2")] | None = None
+    lock: Annotated[list[str] | dict[str, Numbers], KeyUnits("m, rad")] = Field(default=[])
     mimic: bool | None = None
     dynamics: bool | None = None
     inertias: InertiasTable | None = None
     damping: bool | None = None
     friction: FrictionModel | None = None
-    friction_speed: Annotated[PositiveNumber, Measured("m/s, rad/s")] | None = None
+    friction_speed: Annotated[PositiveNumber, KeyUnits("m/s, rad/s")] | None = None
     arguments: dict[str, str | bool | int | float] | None = None
     spherical: list[str] = Field(default=[])
     rotations: Rotations | None = None

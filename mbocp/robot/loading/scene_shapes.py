@@ -14,7 +14,7 @@ from mbocp._files import read_text
 from mbocp._text import shorten, show
 from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.robot.collision.geometry import LinkShape, mesh_of
-from mbocp.robot.loading.description import Reading
+from mbocp.robot.loading.description import ReadOptions
 from mbocp.robot.loading.readers.robot_yaml import parse_yaml
 from mbocp.robot.loading.robot_formats import reader_of
 
@@ -56,7 +56,7 @@ def _planning_scene(path: Path, reader: Callable[[Path], Iterator[LinkShape]]) -
 
 def _of_links(path: Path) -> Iterator[LinkShape]:
     """Solid shapes of a robot's links, of which none may move."""
-    read = reader_of(path).read(path, path.stem, Reading(free_flyer=False))
+    read = reader_of(path).read(path, path.stem, ReadOptions(free_flyer=False))
     for source in read.shapes:
         for shape in source.solid():
             name = source.prefix + shape.link

@@ -21,7 +21,7 @@ from pydantic import (
 
 from mbocp._arrays import Array, dataclass, plain
 from mbocp._keys import Kind
-from mbocp._measured import Measured
+from mbocp._measured import KeyUnits
 from mbocp._quantities import finite_number, is_number
 from mbocp._text import find_repeated, has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, RobotFileError, suggest
@@ -34,11 +34,11 @@ _MIN_NORM = 1e-8  # below, the direction of a quaternion is noise
 _MIN_DIRECTION = 1e-15  # largest component of a direction
 Number: TypeAlias = Annotated[FiniteFloat, Field(ge=-_MAX_VALUE, le=_MAX_VALUE)]
 PositiveNumber: TypeAlias = Annotated[PositiveFloat, Field(le=_MAX_VALUE)]
-Metres: TypeAlias = Annotated[PositiveNumber, Measured("m")]
+Metres: TypeAlias = Annotated[PositiveNumber, KeyUnits("m")]
 Vector3: TypeAlias = tuple[Number, Number, Number]
 Numbers: TypeAlias = Number | list[Number]
 Length: TypeAlias = Annotated[FiniteFloat, Field(ge=0, le=_MAX_VALUE)]
-Place: TypeAlias = Annotated[Vector3, Measured("m")]
+Place: TypeAlias = Annotated[Vector3, KeyUnits("m")]
 Component: TypeAlias = Literal["fx", "fy", "fz", "mx", "my", "mz"]
 FramePair: TypeAlias = tuple[str, str]
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -105,8 +105,8 @@ def _has_length(numbers: tuple[float, ...]) -> tuple[float, ...]:
 
 
 _TURN = "a quaternion x, y, z, w, or roll, pitch, yaw [rad]"
-Position: TypeAlias = Annotated[Any, vector_of("3 numbers [m]", 3), Measured("m")]
-Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), vector_of(_TURN, 3, 4), Measured("rad")]
+Position: TypeAlias = Annotated[Any, vector_of("3 numbers [m]", 3), KeyUnits("m")]
+Orientation: TypeAlias = Annotated[Any, AfterValidator(_has_length), vector_of(_TURN, 3, 4), KeyUnits("rad")]
 
 
 def first_complaint(error: ValidationError, data: Any, allowed: Allowed) -> tuple[str, str]:

@@ -210,7 +210,7 @@ def close_anywhere(robot: Mechanism, start: Array, fixed: Sequence[str] = ()) ->
 def _at_limits(search: _Search, q: Array, *, is_reached: bool) -> tuple[str, ...]:
     robot, bounds = search.robot, search.bounds
     if is_reached:
-        return tuple(robot.q_labels[i].name for i in bounds.touching(q))
+        return tuple(robot.q_labels[i].name for i in bounds.joints_at_bounds(q))
     e = search.rows.residual(q)
     gradient = search.rows.jacobian(q).T @ e
     pushed = np.where(np.abs(gradient) > _MIN_PUSH * np.linalg.norm(e), gradient, 0.0)

@@ -119,7 +119,7 @@ class JointBounds(NamedTuple):
         mask[self.at_v] = ((values <= self.lower) & (slope > 0.0)) | ((values >= self.upper) & (slope < 0.0))
         return mask
 
-    def touching(self, q: Array) -> IntArray:
+    def joints_at_bounds(self, q: Array) -> IntArray:
         """Positions in q of the joints that are at a bound."""
         values = q[self.at_q]
         return self.at_q[(values <= self.lower + _AT_BOUND) | (values >= self.upper - _AT_BOUND)]

@@ -224,7 +224,7 @@ class _Key:
         )
 
 
-class _Compiled:
+class _SolverFunctions:
     """The functions of a solver object.
 
     The object itself is made anew for every run of IPOPT, which takes milliseconds: CasADi holds the
@@ -303,8 +303,8 @@ class _Compiled:
 
 
 @lru_cache(maxsize=_MAX_SOLVERS)
-def _compile(key: _Key) -> _Compiled:
-    return _Compiled(key)
+def _compile(key: _Key) -> _SolverFunctions:
+    return _SolverFunctions(key)
 
 
 def _ipopt_options(key: _Key) -> dict[str, Any]:

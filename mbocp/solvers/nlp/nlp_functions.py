@@ -25,7 +25,7 @@ def parameters(programme: StagewiseProgramme) -> Array:
 
 
 @dataclass(frozen=True)
-class _Given:
+class _Symbols:
     """Unknowns and parameters of the programme as symbols."""
 
     w: ca.MX
@@ -113,15 +113,17 @@ class NlpFunctions:
             outputs, words = [ca.MX.zeros(at.w.shape), hessian], ["grad_gamma_x", "hess_gamma_x_x"]
         return ca.Function("nlp_hess_l", [at.w, at.p, lam_f, lam_g], outputs, _INPUTS, words)
 
-    def _constraints_and_jacobian(self, at: _Given) -> list[ca.MX]:
+    def _constraints_and_jacobian(self, at: _Symbols) -> list[ca.MX]:
         stages = self._map("jacobian", at)
         return [self._constraints(at, stages[0]), self._jacobian(at, stages[2])]
 
-    def _make(self, name: str, body: Callable[[_Given], list[ca.MX]], outputs: Sequence[str]) -> ca.Function:
+    def _make(
+        self, name: str, body: Callable[[_Symbols], list[ca.MX]], outputs: Sequence[str]
+    ) -> ca.Function:
         at = self._arguments()
         return ca.Function(name, [at.w, at.p], body(at), ["x", "p"], list(outputs))
 
-    def _arguments(self) -> _Given:
+    def _arguments(self) -> _Symbols:
         lay, pro = self.layout, self._programme
         N, nr = lay.num_steps, pro.kind.nr
         sizes = [lay.nx, pro.theta.size, N * nr, pro.rho_terminal.size]
@@ -133,10 +135,10 @@ class NlpFunctions:
         nodes = ca.horzcat(x0[:, 1:], last)
         u, y = blocks[lay.nx : lay.nx + lay.nu, :], blocks[lay.nx + lay.nu : lay.nx + lay.nu + lay.ny, :]
         x1 = blocks[lay.nx + lay.nu + lay.ny :, :] if lay.is_lifted else nodes
-        return _Given(w, p, x0, x1, y, u, nodes, x_start, theta, ca.reshape(rho, nr, N), rho_end)
+        return _Symbols(w, p, x0, x1, y, u, nodes, x_start, theta, ca.reshape(rho, nr, N), rho_end)
 
     def _map(
-        self, name: str, at: _Given, *, scale: ca.MX | None = None, m: ca.MX | None = None
+        self, name: str, at: _Symbols, *, scale: ca.MX | None = None, m: ca.MX | None = None
     ) -> list[ca.MX]:
         """Outputs of a stage function at all stages, side by side; the costs scaled."""
         N = self.layout.num_steps
@@ -153,11 +155,11 @@ class NlpFunctions:
         chosen = ca.DM(mask.astype(float))
         return numbers * (1 + chosen * (scale - 1))
 
-    def _cost(self, at: _Given) -> list[ca.MX]:
+    def _cost(self, at: _Symbols) -> list[ca.MX]:
         psi = self._end["terminal_values"](at.nodes[:, -1], at.rho_end)[0]
         return [ca.sum2(self._map("values", at)[1]) + psi]
 
-    def _constraints(self, at: _Given, rows: ca.MX) -> ca.MX:
+    def _constraints(self, at: _Symbols, rows: ca.MX) -> ca.MX:
         lay = self.layout
         c = lay.sign * rows
         of_step = ca.vertcat(at.nodes - at.x1, c) if lay.is_lifted else c
@@ -172,7 +174,7 @@ class NlpFunctions:
             end.append(last)
         return ca.vertcat(of_step[:, 0], start, ca.vec(inner), *end)
 
-    def _path(self, at: _Given, m: ca.MX | None = None) -> list[ca.MX]:
+    def _path(self, at: _Symbols, m: ca.MX | None = None) -> list[ca.MX]:
         N, lay = self.layout.num_steps, self.layout
         m = ca.MX.zeros(lay.nh, N) if m is None else m
         theta = ca.repmat(at.theta, 1, N)
@@ -180,16 +182,16 @@ class NlpFunctions:
             self._stage["path"].map(N).call([at.nodes, m, ca.MX.zeros(lay.nu, N), theta], False, True)
         )
 
-    def _guard(self, at: _Given, m: ca.MX | None = None) -> list[ca.MX]:
+    def _guard(self, at: _Symbols, m: ca.MX | None = None) -> list[ca.MX]:
         m = ca.MX.zeros(self.layout.num_guards) if m is None else m
         return list(self._end["guard"].call([at.nodes[:, -1], m, at.rho_end]))
 
-    def _terminal(self, at: _Given, eta: ca.MX | None = None, scale: ca.MX | None = None) -> list[ca.MX]:
+    def _terminal(self, at: _Symbols, eta: ca.MX | None = None, scale: ca.MX | None = None) -> list[ca.MX]:
         eta = ca.MX.zeros(self.layout.ng) if eta is None else eta
         rho = self._scale(at.rho_end, self._programme.terminal_weights, scale)
         return list(self._end["terminal_complete"].call([at.nodes[:, -1], eta, rho]))
 
-    def _gradient(self, at: _Given) -> ca.MX:
+    def _gradient(self, at: _Symbols) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
         entries = _Entries()
         slopes = self._map("gradient", at)[0]
@@ -201,7 +203,7 @@ class NlpFunctions:
         entries.add(lay.xs[N][columns], np.zeros(columns.size, np.int64), of_end)
         return entries.gather((lay.num_unknowns, 1), is_dense=True)
 
-    def _jacobian(self, at: _Given, blocks: ca.MX) -> ca.MX:
+    def _jacobian(self, at: _Symbols, blocks: ca.MX) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
         entries = _Entries()
         rows, columns = _pattern(self._stage["jacobian"].sparsity_out(2))
@@ -221,7 +223,7 @@ class NlpFunctions:
             entries.add(lay.path[:, rows].ravel(), lay.xs[1:, columns].ravel(), self._path(at)[1].nz[:])
         return entries.gather((lay.num_rows, lay.num_unknowns))
 
-    def _hessian(self, at: _Given, lam_f: ca.MX, lam_g: ca.MX, blocks: ca.MX, *, is_upper: bool) -> ca.MX:
+    def _hessian(self, at: _Symbols, lam_f: ca.MX, lam_g: ca.MX, blocks: ca.MX, *, is_upper: bool) -> ca.MX:
         lay, N = self.layout, self.layout.num_steps
         entries = _Entries()
 

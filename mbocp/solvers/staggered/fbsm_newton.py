@@ -128,7 +128,7 @@ class FBSMNewton:
                 failure = stuck if factorisation.ok else Status.SINGULAR
                 return state._replace(failure=failure, failed_stage=factorisation.bad_stage)
 
-    def _go(self, state: PlainState, kept: Kept, shift: float) -> tuple[Array, _Taken] | None:
+    def _go(self, state: PlainState, kept: Kept, shift: float) -> tuple[Array, _AcceptedStep] | None:
         """Solve the factorised system, and go along the step; None where that does not help."""
         direction = state.native.solve()
         step = self._omega_step(state, shift * self.control_weight, kept) if direction.finite else None
@@ -163,7 +163,7 @@ class FBSMNewton:
 
     def _search(
         self, state: PlainState, kept: Kept, step: Array, slope: float, shift: float
-    ) -> _Taken | None:
+    ) -> _AcceptedStep | None:
         """Sweep with ever shorter steps until one is accepted; None with the start back if none is.
 
         A sweep that fails shortens the step as one that makes nothing better does.
@@ -180,7 +180,7 @@ class FBSMNewton:
         kept.restore(native)
         if float(np.linalg.norm(step)) <= self.tolerance and before.residual <= self.tolerance:
             again = sweeps.run(native).evaluation  # round-off hides any decrease
-            return None if again is None else _Taken(again, 0.0)
+            return None if again is None else _AcceptedStep(again, 0.0)
         return None
 
     def _judge(
@@ -192,23 +192,23 @@ class FBSMNewton:
         shift: float,
         *,
         is_last: bool,
-    ) -> _Taken | None:
+    ) -> _AcceptedStep | None:
         """Take a swept trial, by Algorithm 2's rule or by the filter; None: it makes nothing better."""
         before = state.evaluation
         # The rule says little of a shifted step.
         if trial.residual < before.residual and (shift == 0.0 or not self.globalised):
-            return _Taken(trial, length)
+            return _AcceptedStep(trial, length)
         if not self.globalised:
-            return _Taken(trial, length) if is_last else None
+            return _AcceptedStep(trial, length) if is_last else None
         verdict = state.filter.accepts(before, trial, slope, length)
         if not verdict.is_accepted:
             return None
         if length < 1.0 or shift > 0.0:  # far from Newton's own region the step's eta is a poor one
             sweeps = state.sweeps or Sweeps()
             trial = state.native.find_end_multiplier(sweeps.auxiliary, sweeps.feedback)
-        return _Taken(trial, length, keeps_filter=verdict.by_cost)
+        return _AcceptedStep(trial, length, keeps_filter=verdict.by_cost)
 
-    def _next_shift(self, state: PlainState, shift: float, taken: _Taken) -> float:
+    def _next_shift(self, state: PlainState, shift: float, taken: _AcceptedStep) -> float:
         if not self.globalised:
             return 0.0
         contraction = taken.evaluation.residual / state.evaluation.residual
@@ -216,7 +216,7 @@ class FBSMNewton:
 
 
 @dataclass(frozen=True)
-class _Taken:
+class _AcceptedStep:
     """An accepted step: the swept evaluation, the step length, and whether the filter stays as it is."""
 
     evaluation: Evaluation

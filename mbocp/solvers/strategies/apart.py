@@ -25,7 +25,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.solvers.nlp.interior_point import InteriorPoint, unpack
 from mbocp.solvers.nlp.nlp_layout import NlpLayout
 from mbocp.solvers.records import Callback, IterationRecord, Status, deadline_after
-from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereEnded, ElsewhereError, Tell
+from mbocp.solvers.strategies.elsewhere import Elsewhere, ElsewhereError, ProcessEnded, Tell
 from mbocp.solvers.strategies.iterating import SolverResult
 
 _GRACE = 1.0  # [s] beyond a time limit: for the process to begin, and for an iteration that is under way
@@ -67,7 +67,7 @@ def run_apart(
             if not told.begun:
                 return solver.run(programme, iterate, callback, phase, first)
             status = Status.DIVERGED  # it has crashed, and would do so here
-        except ElsewhereEnded as ended:
+        except ProcessEnded as ended:
             status = Status.INTERRUPTED if ended.is_interrupted else Status.TIME_LIMIT
             if not told.begun:
                 raise _without_result(solver.title, status) from None

@@ -61,7 +61,7 @@ class ElsewhereError(Exception):
     """The process could not do it; its parent can."""
 
 
-class ElsewhereEnded(Exception):
+class ProcessEnded(Exception):
     """The process was ended without an answer, by Ctrl-C or since its time was over."""
 
     def __init__(self, *, is_interrupted: bool) -> None:
@@ -103,7 +103,7 @@ class Elsewhere:
         ------
         ElsewhereError
             If the process cannot be started, or dies, or the task raises an exception.
-        ElsewhereEnded
+        ProcessEnded
             If it was ended.
         """
         try:
@@ -111,7 +111,7 @@ class Elsewhere:
             message, failure = self._wait_for_end(hear, until)
         except KeyboardInterrupt:  # between two messages: who is to speak next is not known any more
             self.close()
-            raise ElsewhereEnded(is_interrupted=True) from None
+            raise ProcessEnded(is_interrupted=True) from None
         if isinstance(message, _End):
             self.close()
         if failure is not None and not isinstance(failure, KeyboardInterrupt):
@@ -119,7 +119,7 @@ class Elsewhere:
         if isinstance(message, Answer):
             return message.value
         if message is _End.SILENT:
-            raise ElsewhereEnded(is_interrupted=failure is not None)
+            raise ProcessEnded(is_interrupted=failure is not None)
         raise ElsewhereError(message.words if isinstance(message, Failure) else _End.GONE.value)
 
     def _wait_for_end(

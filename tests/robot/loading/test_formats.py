@@ -13,7 +13,7 @@ import pytest
 from mbocp.exceptions import RobotFileError
 from mbocp.robot import gather, load_parts, load_robot, load_stored
 from mbocp.robot.collision.geometry import LinkShape, ShapeSource
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, ReadOptions
 from mbocp.robot.loading.robot_formats import FORMATS, Format, format_of
 from mbocp.robot.robot_facts import find_oddities
 
@@ -23,7 +23,7 @@ FILE = "swing 2.0\n"  # name and mass [kg] of a ball on a hinge
 class Toy:
     """Reader of files with one line."""
 
-    def read(self, path: Path, name: str, how: Reading) -> Description:
+    def read(self, path: Path, name: str, how: ReadOptions) -> Description:
         try:
             joint, mass = path.read_text().split()
         except ValueError as error:

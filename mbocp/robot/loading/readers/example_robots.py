@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.loading.description import Description, Reading
+from mbocp.robot.loading.description import Description, ReadOptions
 from mbocp.robot.loading.readers.urdf import capture_stderr, describe_urdf, read_urdf
 
 # Upstream, "ur3" loads the UR5; and the other loader's own code only edits collision shapes, unused here.
@@ -79,7 +79,7 @@ def description(name: str) -> str:
     return f"{loader.urdf_filename}, {'free-flying' if loader.free_flyer else 'fixed'} base"
 
 
-def describe_example(name: str, facts: ExampleFacts | None, how: Reading) -> Description:
+def describe_example(name: str, facts: ExampleFacts | None, how: ReadOptions) -> Description:
     """Describe a robot of example-robot-data.
 
     Parameters
@@ -88,7 +88,7 @@ def describe_example(name: str, facts: ExampleFacts | None, how: Reading) -> Des
         One of `names()`.
     facts : ExampleFacts, optional
         What was stored of it; then example-robot-data itself is not asked.
-    how : Reading
+    how : ReadOptions
         Mimic joints do not follow their leaders unless they are asked to, as upstream.
     """
     if facts is None:

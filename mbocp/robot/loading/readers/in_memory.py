@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.robot.loading.description import Description, Reading
+from mbocp.robot.loading.description import Description, ReadOptions
 from mbocp.robot.loading.readers.urdf import describe_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.robot_toml import RobotTable
@@ -102,7 +102,7 @@ def chain_description(links: int) -> str:
 def describe_chain(name: str, *, free_flyer: bool) -> Description:
     """Describe the chain of this name."""
     links = num_links(name) or 0
-    found = describe_urdf(chain_urdf(links), Reading(free_flyer, mimic=False))
+    found = describe_urdf(chain_urdf(links), ReadOptions(free_flyer, mimic=False))
     return replace(found, source=None, table=RobotTable(description=chain_description(links)))
 
 
@@ -139,7 +139,7 @@ def _link(number: int) -> str:
 
 def describe_object(name: str, shape: Payload, *, free_flyer: bool) -> Description:
     """Describe a simple body; without a free-flyer it stands still."""
-    return replace(describe_urdf(_urdf(name, shape), Reading(free_flyer, mimic=False)), source=None)
+    return replace(describe_urdf(_urdf(name, shape), ReadOptions(free_flyer, mimic=False)), source=None)
 
 
 def _urdf(name: str, shape: Payload) -> Urdf:

@@ -16,7 +16,7 @@ from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, ReadOptions
 from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_tendons import fixed_tendons
@@ -29,7 +29,7 @@ _TOLERANCE = 1e-9  # for force and moment that are parallel
 _NUMBERS = {"free": 7, "ball": 4}  # of qpos
 
 
-def read(path: Path, name: str, how: Reading) -> Description:
+def read(path: Path, name: str, how: ReadOptions) -> Description:
     """Read a robot from an MJCF; it has no mimic joints, but couplings, whatever `mimic` is."""
     mjcf = parse_mjcf(path)
     found = read_bodies(mjcf, how.folders)

@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from mbocp._files import MEGABYTE, read_text
 from mbocp._text import show, warn_caller
 from mbocp.exceptions import RobotFileError, Unreadable, suggest
-from mbocp.robot.loading.description import Description, Oddity, Reading
+from mbocp.robot.loading.description import Description, Oddity, ReadOptions
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import describe_urdf, read_urdf
 from mbocp.robot.loading.readers.urdf_xml import Urdf
@@ -103,7 +103,7 @@ class RobotYaml(BaseModel):
         return Urdf(urdf.path, ElementTree.tostring(root, encoding="unicode"), root)
 
 
-def read(path: Path, name: str, how: Reading) -> Description:
+def read(path: Path, name: str, how: ReadOptions) -> Description:
     """Read a URDF with a robot.yaml beside it.
 
     Mimic joints are joints of their own unless told otherwise: these collections may have motors on them.

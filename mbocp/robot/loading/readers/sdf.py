@@ -17,7 +17,7 @@ from mbocp._text import show
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.collision.geometry import LinkShape
 from mbocp.robot.loading.addresses import resolve
-from mbocp.robot.loading.description import Description, Oddity, Reading
+from mbocp.robot.loading.description import Description, Oddity, ReadOptions
 from mbocp.robot.loading.readers.sdf_joints import read_joints
 from mbocp.robot.loading.readers.sdf_xml import Sdf, parse_sdf
 from mbocp.robot.loading.readers.tree import (
@@ -109,7 +109,7 @@ class SdfReader:
     folders: Sequence[Path] = ()
     _known: dict[Path, Sdf] = field(default_factory=dict, repr=False)
 
-    def read(self, path: Path, name: str, how: Reading) -> Description:
+    def read(self, path: Path, name: str, how: ReadOptions) -> Description:
         """Read a robot; joints that mimic others are coupled to them unless `mimic` is False."""
         sdf, left_out = self._parse(path), LeftOut()
         links = read_links(sdf, how.folders, left_out)

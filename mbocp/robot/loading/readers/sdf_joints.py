@@ -51,7 +51,7 @@ class Joint(NamedTuple):
 
 
 @dataclass
-class Joined:
+class BodyTables:
     """Bodies of the tree, parents before children, and tables of a robot.toml."""
 
     bodies: list[TreeBody] = field(default_factory=list)
@@ -59,7 +59,7 @@ class Joined:
     couplings: list[dict[str, Any]] = field(default_factory=list)
 
 
-def read_joints(sdf: Sdf, links: Mapping[str, TreeBody], left_out: LeftOut) -> Joined:
+def read_joints(sdf: Sdf, links: Mapping[str, TreeBody], left_out: LeftOut) -> BodyTables:
     """Hang the links on each other.
 
     Parameters
@@ -82,7 +82,7 @@ def read_joints(sdf: Sdf, links: Mapping[str, TreeBody], left_out: LeftOut) -> J
     base = sdf.pose(sdf.element, f"model {show(sdf.name)}")
     frame = sdf.element.get("placement_frame")
     base = base * sdf.place(frame).inverse() if frame else base
-    found = Joined()
+    found = BodyTables()
     for name, joint in _in_order(tree, list(links)):
         reader.hang(found, name, joint, at, base)
     for joint in closing:
@@ -110,7 +110,7 @@ class _Reader:
         return Joint(name, kind, parent, child, sdf.place(name), element)
 
     def hang(
-        self, found: Joined, name: str, joint: Joint | None, at: Mapping[str, pin.SE3], base: pin.SE3
+        self, found: BodyTables, name: str, joint: Joint | None, at: Mapping[str, pin.SE3], base: pin.SE3
     ) -> None:
         """Put a link into the tree, on the joint that leads to it; None: it floats."""
         body = self.links[name]

@@ -18,7 +18,7 @@ from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.collision.geometry import LinkShape, ShapeSource
 from mbocp.robot.kinematics import WORLD
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, ReadOptions
 from mbocp.robot.loading.readers.urdf_checks import MAX_CHAIN_LENGTH, MAX_MOVING_JOINTS
 from mbocp.robot.loading.readers.urdf_inertia import tell_impossible_inertias
 from mbocp.robot.loading.readers.urdf_shapes import object_of
@@ -170,7 +170,7 @@ def describe_tree(
     bodies: Sequence[TreeBody],
     table: RobotTable,
     left_out: LeftOut,
-    how: Reading,
+    how: ReadOptions,
     disabled: Callable[[], frozenset[frozenset[str]]] = frozenset,
 ) -> Description:
     """Describe the robot that bodies make, parents before children; q has the order of the bodies.
@@ -186,7 +186,7 @@ def describe_tree(
         What else the file says.
     left_out : LeftOut
         What is not modelled.
-    how : Reading
+    how : ReadOptions
         With `free_flyer` False bodies that float in the world are fixed to it; with True what is fixed to it
         floats as a whole.
     disabled : callable

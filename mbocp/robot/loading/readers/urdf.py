@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from mbocp._text import list_names
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
-from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Reading
+from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, ReadOptions
 from mbocp.robot.loading.joint_numbers import Follower
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, find_oddities
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
@@ -35,7 +35,7 @@ _MAX_NAMES = 12  # in a message
 _REMEDY = "mend it, or load the robot with mimic = false"
 
 
-def read(path: Path, name: str, how: Reading) -> Description:
+def read(path: Path, name: str, how: ReadOptions) -> Description:
     """Read a robot from a URDF; mimic joints follow their leaders unless told otherwise, see `Format`."""
     return describe_urdf(read_urdf(path), how)
 
@@ -78,7 +78,7 @@ def check_urdf(urdf: Urdf) -> Urdf:
     return urdf
 
 
-def describe_urdf(urdf: Urdf, how: Reading) -> Description:
+def describe_urdf(urdf: Urdf, how: ReadOptions) -> Description:
     """Make the description of what a URDF says, which `read_urdf` returned."""
     urdf, estimated = (urdf, ()) if how.inertias is None else with_inertias(urdf, how.inertias, how.folders)
     mimic, loops = how.mimic is not False, read_loops(urdf.path, urdf.root)

@@ -33,7 +33,7 @@ _LEAST_SHARE = 1e-6  # volume of a mesh, of its hull's: less is the noise of a s
 _LARGEST_SHARE = 1.02  # and the most; also of a moment of inertia, of the sum of the other two
 
 
-class _Filled(NamedTuple):
+class _SolidLink(NamedTuple):
     """A link's shapes, filled evenly.
 
     Attributes
@@ -114,9 +114,9 @@ def _faults(urdf: Urdf, inertials: Mapping[str, Inertial], given: Mapping[str, L
     return found
 
 
-def _fill(urdf: Urdf, folders: Sequence[Path], links: Iterable[str]) -> dict[str, _Filled]:
+def _fill(urdf: Urdf, folders: Sequence[Path], links: Iterable[str]) -> dict[str, _SolidLink]:
     """Fill the shapes of links; links without any are left out."""
-    found: dict[str, _Filled] = {}
+    found: dict[str, _SolidLink] = {}
     for kind in _KINDS:
         missing = frozenset(links) - set(found)
         shapes: dict[str, list[LinkShape]] = {}
@@ -127,7 +127,7 @@ def _fill(urdf: Urdf, folders: Sequence[Path], links: Iterable[str]) -> dict[str
     return found
 
 
-def _fill_shapes(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _Filled:
+def _fill_shapes(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _SolidLink:
     whole, hulls = pin.Inertia.Zero(), 0
     for shape in shapes:
         if shape.mesh:
@@ -138,7 +138,7 @@ def _fill_shapes(path: Path, kind: str, shapes: Sequence[LinkShape]) -> _Filled:
         if body.mass > 0.0:
             whole = whole + shape.placement.act(body)
     told = f", {hulls} open {'mesh' if hulls == 1 else 'meshes'} by the convex hull" if hulls else ""
-    return _Filled(whole, f"{kind} shapes{told}")
+    return _SolidLink(whole, f"{kind} shapes{told}")
 
 
 def _of_mesh(vertices: Array, faces: Indices) -> tuple[pin.Inertia, bool]:
@@ -162,7 +162,7 @@ def _is_possible(body: pin.Inertia) -> bool:
     return bool(low > 0.0 and high <= _LARGEST_SHARE * (low + middle))
 
 
-def _of_table(urdf: Urdf, link: str, table: LinkTable, filled: _Filled | None) -> LinkInertia:
+def _of_table(urdf: Urdf, link: str, table: LinkTable, filled: _SolidLink | None) -> LinkInertia:
     """What is given of a link, and the rest by its shapes."""
     if not table.is_whole and (filled is None or not filled.body.mass > 0.0):
         missing = " and ".join(key for key in ("com", "inertia") if getattr(table, key) is None)
@@ -183,7 +183,7 @@ def _density(
     asked: InertiasTable,
     inertials: Mapping[str, Inertial],
     found: Mapping[str, LinkInertia],
-    usable: Mapping[str, _Filled],
+    usable: Mapping[str, _SolidLink],
     masses: Mapping[str, float],
 ) -> float:
     """Density of the links without a mass [kg/m^3]; zero if there are none."""

@@ -14,7 +14,7 @@ from mbocp._files import is_file
 from mbocp._text import list_names, shorten, show
 from mbocp.exceptions import RobotFileError, suggest
 from mbocp.robot.loading.addresses import package_folders
-from mbocp.robot.loading.description import Description, Oddity, Reading
+from mbocp.robot.loading.description import Description, Oddity, ReadOptions
 from mbocp.robot.loading.readers import urdf as urdf_reader
 from mbocp.robot.loading.readers.urdf import check_urdf, describe_urdf
 from mbocp.robot.loading.readers.urdf_checks import find_oddities
@@ -25,7 +25,7 @@ _MAX_NAMES = 12
 _lock = threading.Lock()  # the package keeps its state in its module
 
 
-class Expanded(NamedTuple):
+class XacroSource(NamedTuple):
     """What a xacro file is the source of.
 
     Attributes
@@ -54,9 +54,9 @@ class XacroReader:
 
     folders: Sequence[Path] = ()
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    _known: dict[Path, Expanded] = field(default_factory=dict, repr=False)
+    _known: dict[Path, XacroSource] = field(default_factory=dict, repr=False)
 
-    def read(self, path: Path, name: str, how: Reading) -> Description:
+    def read(self, path: Path, name: str, how: ReadOptions) -> Description:
         """Read a robot, as a URDF."""
         return describe_urdf(check_urdf(self.expand(path).urdf), how)
 
@@ -72,7 +72,7 @@ class XacroReader:
         """What is odd in its URDF."""
         return find_oddities(path, self.expand(path).urdf.root)
 
-    def expand(self, path: Path) -> Expanded:
+    def expand(self, path: Path) -> XacroSource:
         """Expand a file.
 
         Raises
@@ -105,12 +105,12 @@ def _text_of(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _expand(path: Path, folders: Sequence[Path], given: Mapping[str, Any]) -> Expanded:
+def _expand(path: Path, folders: Sequence[Path], given: Mapping[str, Any]) -> XacroSource:
     text, root = read_xml(path)
     if not has_macros(root):
         if given:
             raise RobotFileError(path, f"has no xacro macros, and so no argument {show(next(iter(given)))}")
-        return Expanded(urdf_of(path, text, root))
+        return XacroSource(urdf_of(path, text, root))
     try:
         import xacro
     except ImportError as error:
@@ -129,7 +129,7 @@ def _expand(path: Path, folders: Sequence[Path], given: Mapping[str, Any]) -> Ex
             else f"takes no arguments, got {list_names(unknown, _MAX_NAMES)}",
             "arguments",
         )
-    return Expanded(urdf_of(path, *parse_xml(path, text)), includes)
+    return XacroSource(urdf_of(path, *parse_xml(path, text)), includes)
 
 
 def _run(

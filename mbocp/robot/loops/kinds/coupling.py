@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import model_validator
 
 from mbocp._arrays import Array, dataclass
-from mbocp._measured import Measured, plain_number
+from mbocp._measured import KeyUnits, plain_number
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.loading.table_types import FramePair, Number, TableReader
@@ -62,7 +62,7 @@ class Coupling(Constraint):
         type: Literal["coupling"]
         joints: FramePair
         ratio: Number = 1.0
-        offset: Annotated[Number, Measured("m, rad")] = 0.0
+        offset: Annotated[Number, KeyUnits("m, rad")] = 0.0
 
         @model_validator(mode="after")
         def _two_joints(self) -> Coupling.Keys:

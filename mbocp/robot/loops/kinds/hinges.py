@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import field_validator
 
 from mbocp._arrays import Array, dataclass
-from mbocp._measured import Measured
+from mbocp._measured import KeyUnits
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_types import Direction, Number, TableReader
 from mbocp.robot.loops.kinds.constraint import (
@@ -199,7 +199,7 @@ class Screw(FrameConstraint):
         """Two frames share an axis, and the first slides along it as it turns about it."""
 
         type: Literal["screw"]
-        pitch: Annotated[Number, Measured("m")]
+        pitch: Annotated[Number, KeyUnits("m")]
         axis: Direction = Z
         axis_b: Direction | None = None
 
