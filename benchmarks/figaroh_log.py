@@ -21,7 +21,7 @@ from benchmarks.tables import Table, show
 from mbocp import identify, load_robot
 from mbocp._arrays import Array
 from mbocp.identification import Log, simulate_log
-from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.dynamics import InverseDynamics, JointMotion
 from mbocp.robot import Robot
 from tests.identification.logs import changed
 
@@ -29,7 +29,7 @@ RATE, CUT_OFF = 100.0, (2.5, 5.0, 10.0)  # [1/s]
 COLUMNS = ("position noise [rad]", "mbocp [N m]", "FIGAROH [N m]", "its cut-off [1/s]", "torque, rms [N m]")
 
 
-def clean_motion(dynamics: InverseDynamics, seed: int) -> Motion:
+def clean_motion(dynamics: InverseDynamics, seed: int) -> JointMotion:
     """Another motion, as it is."""
     still = simulate_log(dynamics.robot, position_noise=0.0, torque_noise=0.0, seed=seed, rate=RATE)
     y = np.stack([still.joints[name]["q"] for name in dynamics.names], axis=1)
@@ -38,7 +38,7 @@ def clean_motion(dynamics: InverseDynamics, seed: int) -> Motion:
     return dynamics.motion(y, yd, ydd, dynamics.follow(y))
 
 
-def by_figaroh(robot: Robot, log: Log, other: Motion, cut_off: float) -> Array:
+def by_figaroh(robot: Robot, log: Log, other: JointMotion, cut_off: float) -> Array:
     """Torques along another motion, by what FIGAROH finds in a log."""
     from figaroh.identification import identification_tools as tools
     from figaroh.tools import qrdecomposition as qr

@@ -57,7 +57,7 @@ def strategy_for(job: Job) -> Strategy:
     # Of several goals each has rows of its own, and what one motion comes near says nothing of the others.
     has_rows = problem.clearance is not None and not problem.goals
     once: Strategy = ClearOfObstacles() if has_rows else OneSolve()
-    once = WithinSteps(once) if can_hold_within(problem) and problem.robust is None else once
+    once = SolveWithinSteps(once) if can_hold_within(problem) and problem.robust is None else once
     once = RoomForSpeeds(once) if has_rows and _leaves_speeds(problem) else once
     once = RoomToBrake(once) if any(path.kind == Braking.kind for path in problem.frame_constraints) else once
     strategy: Strategy = WarmStart(once, OtherWays(once) if has_rows else once)
@@ -117,7 +117,7 @@ class OneSolve:
 
 
 @dataclass(frozen=True)
-class WithinSteps:
+class SolveWithinSteps:
     """Solve so that speeds, accelerations and what falls with a speed keep their limits between nodes, too.
 
     Limits of accelerations and jerks hold there from the first, and others with them; path constraints, those

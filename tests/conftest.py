@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 
 import hypothesis
 import pytest
@@ -13,6 +14,11 @@ hypothesis.settings.load_profile("untimed")
 
 # Results must not depend on when a compiler is through; processes that tests start take it over.
 os.environ.setdefault("MBOCP_FUNCTIONS", "tapes")
+
+
+# Tests press Ctrl-C, which what a shell starts in the background ignores.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

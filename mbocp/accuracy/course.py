@@ -22,7 +22,7 @@ from mbocp.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class Span:
+class FlowSpan:
     """Steps ``[first, last)`` with one flow.
 
     Attributes
@@ -53,7 +53,7 @@ class Span:
 class Course:
     """Flows of all steps, span by span."""
 
-    spans: tuple[Span, ...]
+    spans: tuple[FlowSpan, ...]
 
     @property
     def flow(self) -> Flow:
@@ -131,12 +131,12 @@ def course_of(
         If a flow cannot be compiled, or not before the deadline.
     """
     if table is None:
-        return Course((Span(0, num_steps, Flow.of(robot, deadline=deadline)),))
+        return Course((FlowSpan(0, num_steps, Flow.of(robot, deadline=deadline)),))
     acts = np.hstack([table.own, table.rows, table.is_impact[:, None]])
     leaps = 1 + np.flatnonzero((acts[1:] != acts[:-1]).any(axis=1) | table.is_impact[1:])
     flow = _flows(robot, table, deadline)
     runs = pairwise([0, *(int(step) for step in leaps), num_steps])
-    return Course(tuple(Span(*run, flow(run[0]), not table.is_impact[run[0]]) for run in runs))
+    return Course(tuple(FlowSpan(*run, flow(run[0]), not table.is_impact[run[0]]) for run in runs))
 
 
 def _flows(robot: Robot, table: SwitchTable, deadline: float) -> Callable[[int], Flow]:

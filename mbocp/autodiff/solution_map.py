@@ -17,7 +17,7 @@ from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, MbocpError, NotConverged
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
-from mbocp.sensitivity.change import Parameter
+from mbocp.sensitivity.change import ProblemNumbers
 from mbocp.sensitivity.derivatives import Sensitivities, sensitivities
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
@@ -37,12 +37,12 @@ class SolutionMap:
     ----------
     first : Solution
         Of the problem itself.
-    parameters : tuple of Parameter
+    parameters : tuple of ProblemNumbers
         There.
     """
 
     first: Solution
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[ProblemNumbers, ...]
     _found: OrderedDict[bytes, tuple[Solution, Sensitivities]] = field(default_factory=OrderedDict)
 
     @classmethod

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.bounds.speeds import Speeds
-from mbocp.bounds.task import Place, Task
+from mbocp.bounds.task import BoundTask, Displacements
 from mbocp.problem.reasons.least_time import least_time
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.kinematics import WORLD
@@ -25,7 +25,7 @@ _WINDOWS = 100
 _HALVINGS = 40
 
 
-def least_duration(task: Task, *, is_quick: bool = False) -> tuple[float, str]:
+def least_duration(task: BoundTask, *, is_quick: bool = False) -> tuple[float, str]:
     """Bound the duration from below [s], and say what decides; in a hurry look at joints alone."""
     task = replace(task, reached=math.nan)  # it holds for motions that cost more, too
     labels = task.problem.robot.v_labels
@@ -34,7 +34,7 @@ def least_duration(task: Task, *, is_quick: bool = False) -> tuple[float, str]:
     if len(legs) > 1:
         return total, "the slowest joint from via point to via point" if total else ""
     words = f"{labels[int(np.argmax(legs[0]))].name} alone takes that long" if total else ""
-    others: tuple[tuple[Callable[[Task, float], float], str], ...] = (
+    others: tuple[tuple[Callable[[BoundTask, float], float], str], ...] = (
         (_by_forces, BY_FORCES),
         (_by_frames, BY_FRAMES),
     )
@@ -44,7 +44,7 @@ def least_duration(task: Task, *, is_quick: bool = False) -> tuple[float, str]:
     return total, words
 
 
-def _times(task: Task, begin: Place, end: Place) -> Array:
+def _times(task: BoundTask, begin: Displacements, end: Displacements) -> Array:
     """Least time of each joint alone from one place to the next [s]; 0 where nothing is known."""
     limits, goal, moves = task.problem.widest_limits, task.problem.goal, task.between(begin.q, end.q)
     found = np.zeros(len(moves))
@@ -69,7 +69,7 @@ def _times(task: Task, begin: Place, end: Place) -> Array:
     return found
 
 
-def _by_forces(task: Task, least: float) -> float:
+def _by_forces(task: BoundTask, least: float) -> float:
     """Least time in which joints come to the goal, whose speeds after the start and before it are bounded."""
     if task.why_no_forces or not np.isfinite(task.forces().sides).any():
         return 0.0
@@ -85,7 +85,7 @@ def _by_forces(task: Task, least: float) -> float:
     return found
 
 
-def _by_frames(task: Task, least: float) -> float:
+def _by_frames(task: BoundTask, least: float) -> float:
     """Least time in which a frame gets to its goal, where each joint moves it by its reach at most."""
     goals = [goal for goal in task.problem.goal.frames if goal.target.relative_to == WORLD]
     if not (goals and task.problem.goal.is_exact) or task.problem.parameter:
@@ -94,11 +94,11 @@ def _by_frames(task: Task, least: float) -> float:
     return max(_by_frame(task, ways, goal) for goal in goals)
 
 
-def _longest(task: Task) -> float:
+def _longest(task: BoundTask) -> float:
     return (task.problem.duration_range or (0.0, task.problem.duration))[1]
 
 
-def _by_frame(task: Task, ways: _Ways, goal: FrameGoal) -> float:
+def _by_frame(task: BoundTask, ways: _Ways, goal: FrameGoal) -> float:
     robot, target = task.problem.robot, goal.target
     model, frame = robot.model, robot.model.frames[robot.frame_id(goal.name)]
     chain = [int(j) for j in model.supports[frame.parentJoint] if j > 0]
@@ -137,7 +137,7 @@ class _Ways:
         self._back = grow(-before.lower), grow(before.upper)
 
     @classmethod
-    def of(cls, task: Task, edges: Array) -> _Ways:
+    def of(cls, task: BoundTask, edges: Array) -> _Ways:
         return cls(*task.speeds(edges))
 
     def way(self, i: int, sign: float, T: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
-from mbocp.bounds.task import Task, windows_of
+from mbocp.bounds.task import BoundTask, windows_of
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -95,7 +95,7 @@ def quick_bound(solution: Solution, problem: Problem) -> Bound:
 
 def _best(problem: Problem, reached: float, solution: Solution | None, *, is_quick: bool = False) -> Bound:
     """Bound the best of several goals, which may be any."""
-    found = [_of_task(Task.of(one, reached), is_quick) for _, one in problem.members]
+    found = [_of_task(BoundTask.of(one, reached), is_quick) for _, one in problem.members]
     least = min(found, key=lambda one: (one.is_valid, one.value))
     least = replace(least, duration=min(one.duration for one in found))
     if solution is None:
@@ -103,7 +103,7 @@ def _best(problem: Problem, reached: float, solution: Solution | None, *, is_qui
     return replace(least, reached=solution.cost, reached_duration=solution.duration)
 
 
-def _of_task(task: Task, is_quick: bool) -> Bound:
+def _of_task(task: BoundTask, is_quick: bool) -> Bound:
     low, high = task.problem.duration_range or (task.problem.duration,) * 2
     if task.why_none:
         return Bound(math.nan, low, reason=task.why_none)
@@ -145,7 +145,7 @@ def _holds_for_steps(problem: Problem) -> bool:
     return is_linear and is_free and "j" not in problem.widest_limits.letters
 
 
-def _cost_of_motion(task: Task, times: Array) -> Array:
+def _cost_of_motion(task: BoundTask, times: Array) -> Array:
     """What squares of velocities and accelerations cost in given times at least."""
     total = np.zeros_like(times)
     nv, start, goal = task.problem.robot.nv, task.places[0], task.places[-1]
@@ -157,7 +157,7 @@ def _cost_of_motion(task: Task, times: Array) -> Array:
     return total
 
 
-def _efforts(task: Task) -> tuple[float, str]:
+def _efforts(task: BoundTask) -> tuple[float, str]:
     """Bound the cost of efforts in the given time, or say why it is zero."""
     weights = task.lightest("effort", task.problem.robot.nu)
     if not weights.any():

@@ -19,7 +19,7 @@ SIGNED = ("potential", "fuel", "energy")  # terms of the cost that may be negati
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Displacements:
     """Displacements [rad, m] and rates of joints of one velocity, by velocity component; NaN: not known."""
 
     q: Array
@@ -27,13 +27,13 @@ class Place:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class BoundTask:
     """A problem with one goal.
 
     Attributes
     ----------
     problem : Problem
-    places : tuple of Place
+    places : tuple of Displacements
         The start, via points, the goal.
     circles : ndarray of bool, shape (nv,)
         Which are angles that may go round.
@@ -42,12 +42,12 @@ class Task:
     """
 
     problem: Problem
-    places: tuple[Place, ...]
+    places: tuple[Displacements, ...]
     circles: BoolArray
     reached: float
 
     @classmethod
-    def of(cls, problem: Problem, reached: float = math.nan) -> Task:
+    def of(cls, problem: Problem, reached: float = math.nan) -> BoundTask:
         """Read what is known."""
         model, nv = problem.robot.model, problem.robot.nv
         circles = np.zeros(nv, dtype=np.bool_)
@@ -147,21 +147,21 @@ class Task:
         return after, before
 
 
-def _places(problem: Problem) -> Iterator[Place]:
+def _places(problem: Problem) -> Iterator[Displacements]:
     every = np.ones(problem.robot.nv, dtype=np.bool_)
-    yield Place(_displacements(problem, problem.q_start, every), np.array(problem.v_start))
+    yield Displacements(_displacements(problem, problem.q_start, every), np.array(problem.v_start))
     for point in problem.timeline.waypoints:
         yield _of_goal(problem, point.via.goal)
     yield _of_goal(problem, problem.goal)
 
 
-def _of_goal(problem: Problem, goal: Goal) -> Place:
+def _of_goal(problem: Problem, goal: Goal) -> Displacements:
     nothing = np.full(problem.robot.nv, np.nan)
     if not goal.is_exact or goal.periodic is not None:
-        return Place(nothing, nothing)
+        return Displacements(nothing, nothing)
     is_rate = goal.rate == "v" or (goal.rate_active.all() and not goal.value.any())
     rate = np.where(goal.rate_active & is_rate, goal.value, np.nan)
-    return Place(_displacements(problem, goal.q, goal.q_active), rate)
+    return Displacements(_displacements(problem, goal.q, goal.q_active), rate)
 
 
 def _displacements(problem: Problem, q: Array, known: BoolArray) -> Array:
@@ -207,7 +207,7 @@ class Windows:
     ends: tuple[Box, Box]
 
 
-def windows_of(task: Task) -> Windows | None:
+def windows_of(task: BoundTask) -> Windows | None:
     """Enclose all motions of a task in its given duration; None where nothing bounds their speeds."""
     robot, T = task.problem.robot, task.problem.duration
     after, before = task.speeds(np.linspace(0.0, T, _COUNT + 1))
@@ -230,7 +230,7 @@ def windows_of(task: Task) -> Windows | None:
     losses = task.forces().losses(v.size)
     w = replace(moment, gravity=rest).opposing(v) + Box(np.zeros_like(losses), losses)
     momenta = [
-        _momentum(task, Place(q, place.v), (moment.M[[k]], v[[k]]))
+        _momentum(task, Displacements(q, place.v), (moment.M[[k]], v[[k]]))
         for q, place, k in ((start, task.places[0], 0), (goal, task.places[-1], -1))
     ]
     at_edges = [
@@ -243,7 +243,7 @@ def windows_of(task: Task) -> Windows | None:
     return Windows(T / _COUNT, moment.M, w, G, v, q, inside, (momenta[0], momenta[1]))
 
 
-def _within_positions(task: Task, low: Array, high: Array) -> tuple[Array, Array]:
+def _within_positions(task: BoundTask, low: Array, high: Array) -> tuple[Array, Array]:
     """Leave out what limits of positions exclude."""
     limits = task.problem.widest_limits
     for joint in task.problem.robot.model.joints[1:]:
@@ -253,7 +253,7 @@ def _within_positions(task: Task, low: Array, high: Array) -> tuple[Array, Array
     return low, high
 
 
-def _momentum(task: Task, state: Place, around: tuple[Box, Box]) -> Box:
+def _momentum(task: BoundTask, state: Displacements, around: tuple[Box, Box]) -> Box:
     """Momentum in a state; where that is not known, within the boxes around it."""
     M, v = around
     if np.isfinite(state.v).all():

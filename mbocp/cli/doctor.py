@@ -44,7 +44,7 @@ _AGREEMENT = (
 
 
 @dataclass(frozen=True)
-class Check:
+class Diagnosis:
     """One thing that was looked at."""
 
     name: str
@@ -68,7 +68,7 @@ def doctor(as_json: Json = False) -> None:
     raise typer.Exit(0 if works else 1)
 
 
-def _print(checks: Sequence[Check]) -> None:
+def _print(checks: Sequence[Diagnosis]) -> None:
     width = max(len(check.name) for check in checks)
     for check in checks:
         mark = typer.style(check.verdict.rjust(4), fg=_COLORS[check.verdict], bold=True)
@@ -77,19 +77,19 @@ def _print(checks: Sequence[Check]) -> None:
             typer.echo(f"{'':4}  {'':{width}}  -> {check.advice}")
 
 
-def report() -> list[Check]:
+def report() -> list[Diagnosis]:
     """Look at everything."""
     return [_safely(name, look) for name, look in _CHECKS.items()]
 
 
-def _safely(name: str, look: Callable[[], tuple[Verdict, str, str]]) -> Check:
+def _safely(name: str, look: Callable[[], tuple[Verdict, str, str]]) -> Diagnosis:
     """Run a check; one that fails in a way nobody foresaw is a finding, too."""
     try:
-        return Check(name, *look())
+        return Diagnosis(name, *look())
     except MbocpError as error:
-        return Check(name, "fail", str(error))
+        return Diagnosis(name, "fail", str(error))
     except Exception as error:
-        return Check(name, "fail", f"{type(error).__name__}: {error}", "run `make setup` again")
+        return Diagnosis(name, "fail", f"{type(error).__name__}: {error}", "run `make setup` again")
 
 
 def _system() -> tuple[Verdict, str, str]:

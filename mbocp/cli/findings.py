@@ -13,7 +13,7 @@ from mbocp._files import parse_toml, read_text
 from mbocp._text import MAX_MESSAGE, shorten
 from mbocp.exceptions import MbocpError, ProblemFileError, Unreadable, key_in
 from mbocp.problem.file.overrides import parse_override
-from mbocp.problem.file.places import Place, place_of
+from mbocp.problem.file.places import KeyPosition, place_of
 from mbocp.problem.reasons.cause import Cause
 
 _MALFORMED = re.compile(r"malformed TOML: .*line (\d+), column (\d+)", re.DOTALL)
@@ -89,10 +89,10 @@ class Findings:
         where: Finding = {"key": key, "file": str(path), "line": line, "column": column}
         return {"code": code, **where, "message": message, "advice": _advice(message)}
 
-    def _place(self, key: str | None, message: str, path: Path) -> Place | None:
+    def _place(self, key: str | None, message: str, path: Path) -> KeyPosition | None:
         if key is None:
             found = _MALFORMED.match(message)
-            return None if found is None else Place(int(found[1]), int(found[2]))
+            return None if found is None else KeyPosition(int(found[1]), int(found[2]))
         if path == self._file and any(_touches(setting, key) for setting in self._settings):
             return None
         return place_of(self._text(path), key)

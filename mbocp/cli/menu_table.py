@@ -13,7 +13,7 @@ from mbocp._files import is_folder
 from mbocp.cli import signals
 from mbocp.cli.app import Json, Quiet, Settings, argument, option, output_file
 from mbocp.cli.console import count, output, plain_table
-from mbocp.cli.progress_table import Progress
+from mbocp.cli.progress_table import ProgressCallback
 from mbocp.cli.results import tell
 from mbocp.cli.solve import PAGES, check_output, problem_of
 from mbocp.exceptions import ResultFileError
@@ -44,7 +44,7 @@ def menu(
     from mbocp.menus import menu as menus
 
     signals.leave_in_order()
-    with Progress(title=file.stem, quiet=quiet or as_json) as progress:
+    with ProgressCallback(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
         problem = problem_of(file, settings or ())
         progress.say(f"trying {count(tries, 'way')}")

@@ -130,7 +130,7 @@ def _write_gap(text: Text, phases: int, iterations: int) -> None:
         text.append(f"... {phases} phases with {iterations} rows more\n", style="dim")
 
 
-class Progress:
+class ProgressCallback:
     """Callback of a solver that shows its iterations on stderr, phase after phase.
 
     The column `time` counts from the first record, where the solver begins.
@@ -160,7 +160,7 @@ class Progress:
     def _spinner(self) -> Spinner:
         return Spinner("dots")  # reads a table of emojis, which a log has no use for
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressCallback:
         if not self.quiet and self._console.is_terminal:
             self._live = Live(
                 console=self._console,

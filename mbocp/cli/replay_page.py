@@ -122,13 +122,13 @@ def live(
     if output is not None:
         check_output(output, "-o", RESULT_SUFFIXES)
     import mbocp
-    from mbocp.cli.progress_table import Progress
+    from mbocp.cli.progress_table import ProgressCallback
     from mbocp.interactive import Live
     from mbocp.view.live.live_scene import viser_module
 
     viser_module()  # before anything takes time
     signals.leave_in_order()
-    with Progress(title=file.stem, quiet=quiet) as progress:
+    with ProgressCallback(title=file.stem, quiet=quiet) as progress:
         problem = problem_of(file, settings or ())
         progress.say("compiling, then guessing (slow the first time)")
         solution = mbocp.solve(problem, callback=progress)

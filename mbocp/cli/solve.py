@@ -111,11 +111,11 @@ def solve(
     outputs.check(file)
     _import(outputs)
     import mbocp
-    from mbocp.cli.progress_table import Progress
+    from mbocp.cli.progress_table import ProgressCallback
 
     signals.leave_in_order()
     chosen = [*(settings or ()), *([f'solver.method="{solver}"'] if solver is not None else [])]
-    with Progress(title=file.stem, quiet=quiet or as_json) as progress:
+    with ProgressCallback(title=file.stem, quiet=quiet or as_json) as progress:
         progress.say("loading the robot")
         problem = problem_of(file, chosen)
         progress.say("compiling, then guessing (slow the first time)")

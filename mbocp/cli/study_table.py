@@ -35,7 +35,7 @@ from mbocp.cli.solve import IMAGES, check_output
 from mbocp.exceptions import ResultFileError, StudyError
 
 if TYPE_CHECKING:
-    from mbocp.study import Group, Spread, StudyResult, Summary
+    from mbocp.study import Spread, StudyResult, Summary, TaskGroup
 
 TABLES = (".jsonl", ".ndjson")
 CSV = (".csv",)
@@ -261,7 +261,7 @@ def _table(summary: Summary) -> Table:
     return table
 
 
-def _cells(group: Group) -> tuple[str, ...]:
+def _cells(group: TaskGroup) -> tuple[str, ...]:
     return (
         str(group.tasks),
         f"{100 * group.success_rate:.1f} %",

@@ -32,7 +32,7 @@ from mbocp.formulation.term_numbers import term_numbers
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem import Problem
 from mbocp.programme import StageKind, StagewiseProgramme
-from mbocp.programme.compilation import CompiledFunctions, Later, load_functions
+from mbocp.programme.compilation import CompiledFunctions, LateFunctions, load_functions
 from mbocp.robot import Robot
 from mbocp.terms.kinds import AccelerationEnd, ExactGoal, Follow, TerminalCost
 from mbocp.terms.own_parts import own_ends, running_terms
@@ -124,7 +124,7 @@ def load_end_functions(
     )
 
 
-def _later(signature: FunctionSignature, robot: Robot, deadline: float, *, at_once: bool) -> Later:
+def _later(signature: FunctionSignature, robot: Robot, deadline: float, *, at_once: bool) -> LateFunctions:
     """Functions that are loaded when they are asked for: in a solve before its deadline, or after it."""
 
     def load() -> CompiledFunctions:
@@ -135,7 +135,7 @@ def _later(signature: FunctionSignature, robot: Robot, deadline: float, *, at_on
             at_once=at_once,
         )
 
-    return Later(LATER, load)
+    return LateFunctions(LATER, load)
 
 
 def _kind(pieces: Pieces, nr: int) -> StageKind:

@@ -39,7 +39,7 @@ def within(shares: Sequence[float], values: Sequence[ca.SX], share: float) -> ca
     return sum(terms[1:], start=terms[0])
 
 
-class RunningCost(Protocol):
+class StepCost(Protocol):
     """Cost of a step, evaluated at one state in it."""
 
     def __call__(
@@ -122,7 +122,7 @@ class StepSymbols:
         The step -> what states remember after it, by name.
     own_rows : casadi.SX
         Rows of the blocks that are not remembered.
-    running_cost : RunningCost
+    running_cost : StepCost
     """
 
     mechanics: Mechanics
@@ -154,7 +154,7 @@ class StepSymbols:
     of_found: Callable[[ca.SX], Mechanics] | None = None
     follow: Callable[[Passage], Mapping[str, ca.SX]] = lambda _: {}
     own_rows: ca.SX = field(default_factory=lambda: ca.SX.zeros(0, 1))
-    running_cost: RunningCost = lambda *_, **__: ca.SX(0)
+    running_cost: StepCost = lambda *_, **__: ca.SX(0)
 
     @property
     def has_before(self) -> ca.SX:

@@ -215,7 +215,7 @@ def _after(problem: Problem, qs: Array, steps: Array, n: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class JointLine:
     """Configurations at some times, and velocities with which the motion goes through them.
 
     Attributes
@@ -278,7 +278,7 @@ class Line:
         return np.array([_de_casteljau(robot.model, corners, x) for x in s])
 
 
-def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> Line:
+def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> JointLine:
     """From a configuration at the node `first` through the via points to the end.
 
     Where something is held, it is held at all of them, see `mbocp.guesses.held_stops`.
@@ -299,7 +299,7 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> L
         if stop.goal is not None:
             asked = stop.goal.rate_active
             vs[k][asked] = problem.dt * stop.goal.value[asked]
-    return Line(robot, times, qs, vs, _has_loops(problem, nodes))
+    return JointLine(robot, times, qs, vs, _has_loops(problem, nodes))
 
 
 def _has_loops(problem: Problem, nodes: Sequence[int]) -> BoolArray:

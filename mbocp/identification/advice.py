@@ -6,8 +6,8 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._text import list_names
-from mbocp.identification.dynamics import InverseDynamics, Motion
-from mbocp.identification.likelihood import Estimate
+from mbocp.identification.dynamics import InverseDynamics, JointMotion
+from mbocp.identification.likelihood import MaximumLikelihood
 from mbocp.identification.unknown_parameters import BaseParameters
 
 MOST_NAMES = 4  # in one message
@@ -20,7 +20,7 @@ _SHARE = 0.05  # of the largest torque, beyond that
 
 
 def ask(
-    dynamics: InverseDynamics, motion: Motion, t: Array, measured: Array, given: Array, left: Array
+    dynamics: InverseDynamics, motion: JointMotion, t: Array, measured: Array, given: Array, left: Array
 ) -> list[str]:
     """Ask where measurements look as if they were something else.
 
@@ -28,7 +28,7 @@ def ask(
     ----------
     dynamics : InverseDynamics
         Of the robot's file.
-    motion : Motion
+    motion : JointMotion
         That was measured.
     t : ndarray, shape (K,)
         [s]
@@ -69,13 +69,13 @@ def ask(
     return messages
 
 
-def describe(base: BaseParameters, found: Estimate, distance: float) -> list[str]:
+def describe(base: BaseParameters, found: MaximumLikelihood, distance: float) -> list[str]:
     """Say what a log does not tell.
 
     Parameters
     ----------
     base : BaseParameters
-    found : Estimate
+    found : MaximumLikelihood
     distance : float
         From the base parameters to those of real bodies, by standard deviations.
     """

@@ -33,7 +33,7 @@ _JUMP = 0.5  # [rad, m] no joint moves further on such a way
 _SHIFT = 1e-6  # of central differences; their error is about 1e-10 of the derivative
 
 
-class Motion(NamedTuple):
+class JointMotion(NamedTuple):
     """A motion at K times.
 
     Parameters
@@ -159,13 +159,13 @@ class InverseDynamics:
         where = ", ".join(f"{name} = {value:.4g}" for name, value in zip(self.names, y, strict=True))
         return InvalidValue(f"positions of {self.robot.name!r}", where, expected)
 
-    def motion(self, y: Array, yd: Array, ydd: Array, near: Array) -> Motion:
+    def motion(self, y: Array, yd: Array, ydd: Array, near: Array) -> JointMotion:
         """The motion of all joints for that of the independent coordinates, each shape (K, n)."""
         qs, jacobian = self._close(y, near) if len(self.dependent) else (self.place(y, near), None)
         G = np.zeros((len(y), self.robot.nv, self.n))
         G[:, self.independent, np.arange(self.n)] = 1.0
         if jacobian is None:
-            return Motion(qs, yd @ G[0].T, ydd @ G[0].T, G)
+            return JointMotion(qs, yd @ G[0].T, ydd @ G[0].T, G)
         block = jacobian[:, :, self.dependent]
         G[:, self.dependent] = -np.linalg.solve(block, jacobian[:, :, self.independent])
         v = np.einsum("kij,kj->ki", G, yd)
@@ -174,9 +174,9 @@ class InverseDynamics:
         bias = np.einsum("kij,kj->ki", change, v) / (2.0 * h)
         a = np.einsum("kij,kj->ki", G, ydd)
         a[:, self.dependent] -= np.linalg.solve(block, bias[:, :, None])[:, :, 0]
-        return Motion(qs, v, a, G)
+        return JointMotion(qs, v, a, G)
 
-    def regressor(self, motion: Motion) -> Array:
+    def regressor(self, motion: JointMotion) -> Array:
         """Rows times parameters are the torques of the independent coordinates, shape (K, n, parameters)."""
         nv, bodies = self.robot.nv, PER_BODY * (self.model.njoints - 1)
         full = np.zeros((len(motion.v), nv, bodies + 3 * nv))
@@ -188,13 +188,13 @@ class InverseDynamics:
         full[:, at, bodies + 2 * nv + at] = np.tanh(motion.v / self.speeds)
         return np.asarray(np.einsum("kij,kip->kjp", motion.G, full))
 
-    def speed_slopes(self, motion: Motion, values: Array) -> Array:
+    def speed_slopes(self, motion: JointMotion, values: Array) -> Array:
         """Derivatives of the rows in the logarithms of the friction speeds, shape (K, n, nv)."""
         ratio = motion.v / self.speeds
         slopes = -self._losses(values)[1] * ratio * (1.0 - np.tanh(ratio) ** 2)
         return np.asarray(motion.G.transpose(0, 2, 1) * slopes[:, None])
 
-    def applied_torques(self, motion: Motion, u: Array) -> Array:
+    def applied_torques(self, motion: JointMotion, u: Array) -> Array:
         """Torques of motors, springs and dampers on the independent coordinates, shape (K, n)."""
         forces = u @ self.robot.actuation.selection.T
         if self.robot.forces:
@@ -204,25 +204,27 @@ class InverseDynamics:
             ]
         return np.asarray(np.einsum("kij,ki->kj", motion.G, forces))
 
-    def slopes(self, motion: Motion, values: Array, u: Array) -> tuple[Array, Array, Array]:
+    def slopes(self, motion: JointMotion, values: Array, u: Array) -> tuple[Array, Array, Array]:
         """Derivatives of the rows in y, its rates and accelerations, each shape (K, n, n)."""
         model = self.with_values(values)
         if not (len(self.dependent) or self.robot.forces):
             return self._slopes_of_tree(motion, values)
 
-        def rows(there: Motion) -> Array:
+        def rows(there: JointMotion) -> Array:
             return self._torques(model, there, values) - self.applied_torques(there, u)
 
         return self.differences(rows, motion)
 
-    def differences(self, values: Callable[[Motion], Array], motion: Motion) -> tuple[Array, Array, Array]:
+    def differences(
+        self, values: Callable[[JointMotion], Array], motion: JointMotion
+    ) -> tuple[Array, Array, Array]:
         """Differentiate what depends on a motion time by time, and is linear in accelerations.
 
         Parameters
         ----------
         values : callable
             Of a motion, shape (K, ...).
-        motion : Motion
+        motion : JointMotion
 
         Returns
         -------
@@ -265,7 +267,7 @@ class InverseDynamics:
         damping, friction = values[-2 * self.robot.nv :].reshape(2, -1)
         return damping, friction
 
-    def _torques(self, model: pin.Model, motion: Motion, values: Array) -> Array:
+    def _torques(self, model: pin.Model, motion: JointMotion, values: Array) -> Array:
         damping, friction = self._losses(values)
         torques = damping * motion.v + friction * np.tanh(motion.v / self.speeds)
         torques += [
@@ -274,7 +276,7 @@ class InverseDynamics:
         ]
         return np.asarray(np.einsum("kij,ki->kj", motion.G, torques))
 
-    def _slopes_of_tree(self, motion: Motion, values: Array) -> tuple[Array, Array, Array]:
+    def _slopes_of_tree(self, motion: JointMotion, values: Array) -> tuple[Array, Array, Array]:
         (damping, friction), nv = self._losses(values), self.robot.nv
         # Pinocchio adds bodies up, and takes their masses for positive; estimates on the way need not be.
         masses = PER_BODY * np.arange(self.model.njoints - 1)

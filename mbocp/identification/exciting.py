@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from mbocp._arrays import Array, IntArray, dataclass
 from mbocp._text import quote_all
 from mbocp.exceptions import InvalidValue, ProblemError, UnsupportedRobot
-from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.dynamics import InverseDynamics, JointMotion
 from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, base_of, unknowns_of
 from mbocp.job import Job, Strategy
 from mbocp.problem import Problem
@@ -180,21 +180,21 @@ class _Search:
         G = self.dynamics.motion(first[None], still, still, self.problem.q_start[None]).G
         return _LEVER * max(float(np.linalg.norm(G[:, self.dynamics.dependent])), 1.0)
 
-    def motion(self, c: Array) -> Motion:
+    def motion(self, c: Array) -> JointMotion:
         """The motion of control points (count, n)."""
         y, yd, ydd = (B @ c for B in self.values)
         return self.dynamics.motion(y, yd, ydd, self.dynamics.follow(y, self.problem.q_start))
 
-    def torques_by_base(self, motion: Motion) -> Array:
+    def torques_by_base(self, motion: JointMotion) -> Array:
         """Derivatives of torques in base parameters, in standard deviations, shape (K, n, rank)."""
         return _columns(self.dynamics, self.unknowns, self.base, motion) / self.noise[:, None]
 
-    def matrix(self, motion: Motion) -> Array:
+    def matrix(self, motion: JointMotion) -> Array:
         """Its information."""
         Y = self.torques_by_base(motion)
         return np.asarray(self.weight * np.einsum("kjp,kjr->pr", Y, Y))
 
-    def slope(self, motion: Motion) -> Array:
+    def slope(self, motion: JointMotion) -> Array:
         """Gradient of log det in the control points: the trace of inv(I) dI."""
         told = self.matrix(motion)
         size = np.sqrt(np.diag(told))
@@ -215,7 +215,7 @@ class _Search:
             "excite: no smooth motion from start to goal keeps the limits: give a longer horizon.duration"
         )
 
-    def within(self, c: Array) -> Motion | None:
+    def within(self, c: Array) -> JointMotion | None:
         """The motion of control points, if its loops close and the limits hold."""
         rows, upper = self.linear
         if (rows @ c.ravel() > upper + 1e-9).any():
@@ -227,7 +227,7 @@ class _Search:
         values, (lower, upper) = self.bounded_values(motion), self.ranges
         return motion if ((values >= lower) & (values <= upper)).all() else None
 
-    def bounded_values(self, motion: Motion) -> Array:
+    def bounded_values(self, motion: JointMotion) -> Array:
         """What limits are not linear in, by times.
 
         Torques of motors; of dependent joints rates, accelerations, rates by those of the others, positions.
@@ -243,7 +243,7 @@ class _Search:
             ]
         )
 
-    def torque(self, motion: Motion) -> Array:
+    def torque(self, motion: JointMotion) -> Array:
         """Torques of the motors by the file's parameters."""
         still = np.zeros((len(motion.v), self.problem.robot.nu))
         needed = self.dynamics.regressor(motion) @ self.dynamics.values
@@ -258,7 +258,7 @@ class _Search:
             pairs += [(row, np.tile(hi, len(hull))), (-row, np.tile(-lo, len(hull)))]
         return _stack(pairs)
 
-    def limited_rows(self, motion: Motion) -> tuple[Array, Array]:
+    def limited_rows(self, motion: JointMotion) -> tuple[Array, Array]:
         """The other limits, linear about a motion: rows and upper bounds of changes."""
         values, parts = (self.bounded_values(motion), self.dynamics.differences(self.bounded_values, motion))
         finite = np.flatnonzero(np.isfinite(self.ranges).any(axis=0))
@@ -350,7 +350,9 @@ def _noise(torque_noise: ArrayLike, n: int) -> Array:
     return np.broadcast_to(given, (n,))
 
 
-def _columns(dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: Motion) -> Array:
+def _columns(
+    dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: JointMotion
+) -> Array:
     return np.asarray(dynamics.regressor(motion) @ unknowns.shares[:, base.chosen])
 
 

@@ -26,7 +26,7 @@ from scipy.sparse import bsr_matrix, csr_matrix, diags, eye, kron, vstack
 
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue
-from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.dynamics import InverseDynamics, JointMotion
 from mbocp.identification.unknown_parameters import BaseParameters, Unknowns
 
 DEGREE = 5
@@ -65,7 +65,7 @@ class Measurements(NamedTuple):
         return Measurements(self.t[chosen], (q, v, a), self.u[chosen])
 
 
-class Estimate(NamedTuple):
+class MaximumLikelihood(NamedTuple):
     """Maximum-likelihood estimate.
 
     Parameters
@@ -80,7 +80,7 @@ class Estimate(NamedTuple):
         Standard deviations [N m, N; rad, m].
     residuals : ndarray, shape (K, n)
         Measured less modelled torques.
-    motion : Motion
+    motion : JointMotion
     correlation : ndarray, shape (n,)
         By what the variance of a mean of torque residuals exceeds that of independent ones.
     settled : bool
@@ -99,7 +99,7 @@ class Estimate(NamedTuple):
     torque_noise: Array
     position_noise: Array
     residuals: Array
-    motion: Motion
+    motion: JointMotion
     correlation: Array
     settled: bool
     dynamics: InverseDynamics
@@ -218,7 +218,7 @@ class Fit:
         p[self._speeds] = self._mean(np.log(dynamics.speeds))
         return c, p, motion.qs
 
-    def run(self, near: Array, dynamics: InverseDynamics) -> Estimate:
+    def run(self, near: Array, dynamics: InverseDynamics) -> MaximumLikelihood:
         """Iterate until parameters and noise levels stay.
 
         Parameters
@@ -258,7 +258,7 @@ class Fit:
         sd = np.sqrt(np.diag(covariance))
         delta, delta_sd = (p[known:], sd[known:]) if self.finds_offsets else np.zeros((2, self.n))
         speeds = np.exp(p[logs])
-        return Estimate(
+        return MaximumLikelihood(
             p[:rank],
             covariance[:rank, :rank],
             speeds,
@@ -277,7 +277,7 @@ class Fit:
 
     def _linearise(
         self, c: Array, p: Array, near: Array, dynamics: InverseDynamics
-    ) -> tuple[Array, csr_matrix, Array, Motion, Array]:
+    ) -> tuple[Array, csr_matrix, Array, JointMotion, Array]:
         """Residuals, and what the model's values change by: in c (sparse) and in parameters."""
         data, K, n, rank = self.data, len(self.data.t), self.n, self.base.rank
         y, yd, ydd = ((B @ c).reshape(K, n) for B in self.B)
@@ -368,7 +368,7 @@ def beliefs(unknowns: Unknowns, base: BaseParameters) -> tuple[Array, Array]:
 
 
 def regression(
-    dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: Motion, u: Array
+    dynamics: InverseDynamics, unknowns: Unknowns, base: BaseParameters, motion: JointMotion, u: Array
 ) -> Array:
     """Base parameters by least squares along a motion that is taken for true."""
     full = dynamics.regressor(motion)
@@ -416,7 +416,7 @@ def estimate(
     *,
     turning: Array,
     offsets: bool = False,
-) -> Estimate:
+) -> MaximumLikelihood:
     """Fit with half as many splines again as positions ask for, and more where torques ask for them."""
     K = len(data.t)
     most = max(K // 3, DEGREE + 1)

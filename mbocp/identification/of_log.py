@@ -15,11 +15,11 @@ from mbocp.exceptions import LogError
 from mbocp.identification.advice import MOST_NAMES, ask, describe
 from mbocp.identification.consistent import fit_consistent
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
-from mbocp.identification.likelihood import Estimate, Measurements, estimate, knots_for, smooth
+from mbocp.identification.likelihood import MaximumLikelihood, Measurements, estimate, knots_for, smooth
 from mbocp.identification.robot_log import Log, read_log
 from mbocp.identification.unknown_parameters import (
     BaseParameters,
-    Body,
+    UnknownBody,
     Unknowns,
     base_of,
     friction_speeds_of,
@@ -124,7 +124,7 @@ class Identification:
     unknowns: Unknowns
 
     @property
-    def bodies(self) -> tuple[tuple[Body, pin.Inertia], ...]:
+    def bodies(self) -> tuple[tuple[UnknownBody, pin.Inertia], ...]:
         """Bodies that were unknown, and what they are now: mass, centre of mass, inertia about it."""
         parts = self.values[: PER_BODY * len(self.unknowns.bodies)].reshape(-1, PER_BODY)
         return tuple(
@@ -352,7 +352,11 @@ def _unwrap(robot: Robot, name: str, column: Array, source: Path) -> Array:
 
 
 def _residuals(
-    file: InverseDynamics, found: Estimate, data: Measurements, everything: Array, near: Array | None = None
+    file: InverseDynamics,
+    found: MaximumLikelihood,
+    data: Measurements,
+    everything: Array,
+    near: Array | None = None,
 ) -> Residuals:
     """Along a spline through the positions: torques have no part in it."""
     y, yd, ydd, _ = smooth(data, knots_for(data))

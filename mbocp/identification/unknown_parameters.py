@@ -28,7 +28,7 @@ _STEP = 0.05  # [rad, m] of a random walk along closed loops
 _SHOWN = 1e-6  # share of a parameter in a combination, by the largest
 
 
-class Body(NamedTuple):
+class UnknownBody(NamedTuple):
     """A rigid body whose ten parameters are unknown.
 
     Parameters
@@ -54,7 +54,7 @@ class Unknowns(NamedTuple):
 
     Parameters
     ----------
-    bodies : tuple of Body
+    bodies : tuple of UnknownBody
     labels : tuple of Label
         Words as `mbocp.robot.named_numbers` has them, where it has some, and units.
     values : ndarray, shape (P,)
@@ -64,7 +64,7 @@ class Unknowns(NamedTuple):
     known : ndarray, shape (all,)
     """
 
-    bodies: tuple[Body, ...]
+    bodies: tuple[UnknownBody, ...]
     labels: tuple[Label, ...]
     values: Array
     shares: Array
@@ -131,7 +131,9 @@ def unknowns_of(
         bodies = [_payload(robot, payload)]
     else:
         bodies = [
-            Body(name, joint, pin.SE3.Identity(), known[PER_BODY * (joint - 1) : PER_BODY * joint].copy())
+            UnknownBody(
+                name, joint, pin.SE3.Identity(), known[PER_BODY * (joint - 1) : PER_BODY * joint].copy()
+            )
             for joint, name in enumerate(robot.joint_names, start=1)
             if robot.model.inertias[joint].mass > 0.0
         ]
@@ -287,12 +289,12 @@ def _random_poses(dynamics: InverseDynamics, count: int, rng: np.random.Generato
     return np.asarray(np.array(found)[chosen])
 
 
-def _payload(robot: Robot, name: str) -> Body:
+def _payload(robot: Robot, name: str) -> UnknownBody:
     for payload in robot.payloads:
         if payload.name == name:
             frame = robot.model.frames[robot.frame_id(payload.frame)]
             body = pin.Inertia(payload.mass, np.array(payload.com), payload.inertia_matrix)
-            return Body(name, int(frame.parentJoint), frame.placement, body.toDynamicParameters())
+            return UnknownBody(name, int(frame.parentJoint), frame.placement, body.toDynamicParameters())
     try:
         frame = robot.model.frames[robot.frame_id(name)]
     except UnknownFrame as error:
@@ -301,7 +303,7 @@ def _payload(robot: Robot, name: str) -> Body:
     if frame.parentJoint == 0:
         raise InvalidValue("payload", repr(name), "a payload of the robot, or a frame that moves")
     ball = pin.Inertia.FromSphere(1.0, 0.05)
-    return Body(name, int(frame.parentJoint), frame.placement, ball.toDynamicParameters())
+    return UnknownBody(name, int(frame.parentJoint), frame.placement, ball.toDynamicParameters())
 
 
 def _is_carried(robot: Robot, name: str) -> bool:

@@ -54,7 +54,7 @@ from mbocp.mechanics import JointMechanics
 Length = Affine | ca.SX  # of a step: an unknown, or given
 
 
-class Node(NamedTuple):
+class ChainNode(NamedTuple):
     """A state as links of a chain."""
 
     q: Affine  # (nq,) [m, rad, quaternion xyzw]
@@ -80,7 +80,7 @@ class PartitionedRows(NamedTuple):
         Momenta of the stages [N s, N m s].
     constraints : tuple of Affine, shapes (nc,)
         Phi / h of the stages but the first, and Phi_q v at the end; empty without constraints.
-    points : tuple of Node
+    points : tuple of ChainNode
         Configurations and velocities of the stages.
     """
 
@@ -88,7 +88,7 @@ class PartitionedRows(NamedTuple):
     momentum: Affine
     stages: tuple[Affine, ...]
     constraints: tuple[Affine, ...]
-    points: tuple[Node, ...]
+    points: tuple[ChainNode, ...]
 
 
 class PartitionedStep:
@@ -116,8 +116,8 @@ class PartitionedStep:
     def __call__(
         self,
         chain: Chain,
-        before: Node,
-        after: Node,
+        before: ChainNode,
+        after: ChainNode,
         stages: Sequence[Stage],
         us: Sequence[Affine],
         h: Length,
@@ -128,7 +128,7 @@ class PartitionedStep:
         Parameters
         ----------
         chain : Chain
-        before, after : Node
+        before, after : ChainNode
         stages : sequence of Stage
         us : sequence of Affine
             Controls at the stages [N, N m].
@@ -143,7 +143,7 @@ class PartitionedStep:
         momenta, slopes, carried, points = [], [], [], []
         for row, stage, u in zip(pair.a, stages, us, strict=True):
             xi = links.times(chain, h, weighted_sum(row, rates))
-            point = Node(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
+            point = ChainNode(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u, *found], links.given)
             push = links.pushes(chain, point.q, stage.impulse, found) if self._mechanics.nc else ()
             pulled = links.pull_back(chain, xi, stage.rate, p, force, *push)
@@ -175,7 +175,7 @@ class PartitionedStep:
         return chain.apply(self._links.difference, [q, reached])[0]
 
     def _constraints(
-        self, chain: Chain, between: Sequence[Affine], after: Node, h: Length, found: Sequence[Affine]
+        self, chain: Chain, between: Sequence[Affine], after: ChainNode, h: Length, found: Sequence[Affine]
     ) -> tuple[Affine, ...]:
         if not self._mechanics.nc:
             return ()

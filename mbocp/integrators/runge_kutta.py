@@ -36,7 +36,7 @@ class Gains(NamedTuple):
     constraint: ca.SX
 
 
-class State(NamedTuple):
+class CoordinateState(NamedTuple):
     """Coordinates of the configuration, shape (nq,), and speeds, shape (ns,) [m/s, rad/s]."""
 
     z: Affine
@@ -67,7 +67,9 @@ class ExplicitStep:
         self._symbols = mechanics.fixed
         self._links = _Links(mechanics, is_stabilised=lie == "baumgarte", is_free=is_free)
 
-    def __call__(self, chain: Chain, before: State, u: Affine, dt: ca.SX | Affine, gains: Gains) -> State:
+    def __call__(
+        self, chain: Chain, before: CoordinateState, u: Affine, dt: ca.SX | Affine, gains: Gains
+    ) -> CoordinateState:
         """State after a step of length `dt` [s] with the constant control u, as links of a chain.
 
         Numbers of the robot that are found follow the control.
@@ -81,7 +83,9 @@ class ExplicitStep:
             state = step(chain, state, u, h, rates)
         return state
 
-    def _plain_step(self, chain: Chain, at: State, u: Affine, h: ca.SX, rates: ca.SX) -> State:
+    def _plain_step(
+        self, chain: Chain, at: CoordinateState, u: Affine, h: ca.SX, rates: ca.SX
+    ) -> CoordinateState:
         slopes_z: list[Affine] = []
         slopes_s: list[Affine] = []
         for row in self._tableau.a:
@@ -90,9 +94,11 @@ class ExplicitStep:
             slopes_z.append(slope_z)
             slopes_s.append(slope_s)
         b = self._tableau.b
-        return State(_move(at.z, h, b, slopes_z), _move(at.s, h, b, slopes_s))
+        return CoordinateState(_move(at.z, h, b, slopes_z), _move(at.s, h, b, slopes_s))
 
-    def _group_step(self, chain: Chain, at: State, u: Affine, h: ca.SX, rates: ca.SX) -> State:
+    def _group_step(
+        self, chain: Chain, at: CoordinateState, u: Affine, h: ca.SX, rates: ca.SX
+    ) -> CoordinateState:
         slopes_w: list[Affine] = []
         slopes_s: list[Affine] = []
         for row in self._tableau.a:
@@ -106,7 +112,7 @@ class ExplicitStep:
             slopes_s.append(slope_s)
         b = self._tableau.b
         (z,) = chain.apply(self._links.exponential, [at.z, h * weighted_sum(b, slopes_w)])
-        return State(z, _move(at.s, h, b, slopes_s))
+        return CoordinateState(z, _move(at.s, h, b, slopes_s))
 
 
 class _Links:

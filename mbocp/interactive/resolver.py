@@ -137,7 +137,7 @@ _RESTARTS = 4  # of a search that has to be done within a moment
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Reply:
     """What became of a wish.
 
     Attributes
@@ -186,7 +186,7 @@ class Resolver:
     solution : Solution
         Its solution: from where the first wish is solved.
     on_answer : callable
-        Called in the thread, with each `Answer`.
+        Called in the thread, with each `Reply`.
     rate : float
         Solves a second, at most [1/s].
     time_limit : float
@@ -197,7 +197,7 @@ class Resolver:
         self,
         problem: Problem,
         solution: Solution,
-        on_answer: Callable[[Answer], None],
+        on_answer: Callable[[Reply], None],
         *,
         rate: float = 20.0,
         time_limit: float = 2.0,
@@ -255,7 +255,7 @@ class Resolver:
             self._is_busy = wish is not None
             return None if self._is_closed else wish
 
-    def _answer(self, wish: Wish) -> Answer:
+    def _answer(self, wish: Wish) -> Reply:
         begun = time.perf_counter()
         problem, solution, words = None, None, []
         with warnings.catch_warnings(record=True) as caught:
@@ -270,4 +270,4 @@ class Resolver:
         elif solution is not None:
             words.append(solution.advice)
         words += [str(warning.message) for warning in caught]
-        return Answer(wish, problem, solution, time.perf_counter() - begun, "; ".join(filter(None, words)))
+        return Reply(wish, problem, solution, time.perf_counter() - begun, "; ".join(filter(None, words)))

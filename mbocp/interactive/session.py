@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp.interactive.handles import JointHandle, PoseHandle, joint_handles, pose_handles
-from mbocp.interactive.resolver import Answer, Resolver, Wish, weight_keys
+from mbocp.interactive.resolver import Reply, Resolver, Wish, weight_keys
 from mbocp.problem import Problem
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
@@ -23,7 +23,7 @@ from mbocp.solving import solve
 from mbocp.view.live.live_scene import ACCENT, LiveScene, viser_module
 from mbocp.view.live.server import page_server
 from mbocp.view.marks import marks_of
-from mbocp.view.motion_samples import Motion, sample_motion
+from mbocp.view.motion_samples import PlacementSamples, sample_motion
 
 _FRAMES_PER_SECOND = 30.0
 _SHOWS_END = 0.8  # [s] for which the end is shown after the goal has moved
@@ -92,7 +92,7 @@ class Live:
 
     Attributes
     ----------
-    answer : Answer
+    answer : Reply
         The last one, good or not.
     """
 
@@ -107,7 +107,7 @@ class Live:
         time_limit: float = 2.0,
     ) -> None:
         self._asked, self._lock = problem, threading.RLock()
-        self.answer = Answer(
+        self.answer = Reply(
             Wish(), problem, solution, solution.wall_time_s, "" if solution.converged else solution.advice
         )
         self._problem, self._solution, self._wish = problem, solution, Wish()
@@ -179,11 +179,11 @@ class Live:
 
     # The motion
 
-    def _motion(self) -> Motion:
+    def _motion(self) -> PlacementSamples:
         solution = self._solution
         return sample_motion(self._asked.robot.model, solution.t, solution.qs)
 
-    def _take(self, answer: Answer) -> None:
+    def _take(self, answer: Reply) -> None:
         """Show an answer."""
         with self._lock:
             self.answer = answer
@@ -229,7 +229,7 @@ class Live:
         self._weights: list[Any] = []
         self._status = gui.add_markdown("")
         self._tell()
-        with gui.add_folder("Motion"):
+        with gui.add_folder("PlacementSamples"):
             self._plays = gui.add_checkbox("Play", True)
             self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
             self._clock = gui.add_slider("Time [s]", 0.0, max(duration, 1e-3), 1e-3, 0.0)

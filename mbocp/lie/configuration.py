@@ -21,7 +21,7 @@ from mbocp.lie.groups import Circle, Group, Plane, Quaternion, RigidBody, Rotati
 
 
 @dataclass(frozen=True)
-class Part:
+class JointSpace:
     """One joint: its group, and where its numbers are.
 
     Attributes
@@ -126,7 +126,7 @@ class ConfigurationSpace:
         """Difference from `goal`, null-space projected as in Eq. (37) of [Manara2017]_, shape (nv,)."""
         return self._join(lambda part: part.group.projection(goal[part.at_z], z[part.at_z]))
 
-    def guards(self, goal: ca.SX, z: ca.SX) -> list[tuple[Part, ca.SX]]:
+    def guards(self, goal: ca.SX, z: ca.SX) -> list[tuple[JointSpace, ca.SX]]:
         """What must not be negative for a vanishing `projection` to mean the goal, joint by joint."""
         return [(p, g) for p in self.parts for g in p.group.guards(goal[p.at_z], z[p.at_z])]
 
@@ -203,7 +203,7 @@ class ConfigurationSpace:
                 C_z[at_matrix, at_matrix] = np.kron(body, turn)
         return C_z, moved_z
 
-    def _join(self, piece: Callable[[Part], ca.SX]) -> ca.SX:
+    def _join(self, piece: Callable[[JointSpace], ca.SX]) -> ca.SX:
         return ca.vertcat(ca.SX.zeros(0, 1), *(piece(part) for part in self.parts))
 
 
@@ -214,15 +214,15 @@ def _tangents(space: ConfigurationSpace) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _parts(model: pin.Model, with_matrices: bool) -> tuple[Part, ...]:
-    at_z, parts = 0, list[Part]()
+def _parts(model: pin.Model, with_matrices: bool) -> tuple[JointSpace, ...]:
+    at_z, parts = 0, list[JointSpace]()
     for index in range(1, model.njoints):
         joint = model.joints[index]
         if joint.nv == 0 or joint.shortname() == "JointModelMimic":
             continue  # moves with another joint: no numbers of its own
         group = _group(model, index, with_matrices)
         is_matrix = with_matrices and (group.nz, group.nv) in ((9, 3), (12, 6))
-        part = Part(
+        part = JointSpace(
             group,
             slice(joint.idx_q, joint.idx_q + joint.nq),
             slice(at_z, at_z + group.nz),

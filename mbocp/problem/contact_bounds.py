@@ -20,7 +20,7 @@ from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.cost import ForceRows
 from mbocp.terms.own import OwnTerm
-from mbocp.terms.span import Place, Span
+from mbocp.terms.span import NodePlace, Span
 
 _ROOM = 1e-2  # of the weight in a mean step: what arrives at rest has no impulse, and cones no inside there
 _GRAVITY = 9.81  # [m/s^2] of the size of forces, also where there is none
@@ -196,7 +196,7 @@ class ContactBounds(BoundedTerm):
         height = (self.contact.friction or 0.0) * math.cos(math.pi / max(count, 1))
         return np.column_stack([np.full(count, height), -np.cos(turns), -np.sin(turns)])
 
-    def at_via(self, places: Mapping[str, Place]) -> ContactBounds:
+    def at_via(self, places: Mapping[str, NodePlace]) -> ContactBounds:
         """The same between nodes."""
         if not self.span.via_names:
             return self

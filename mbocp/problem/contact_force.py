@@ -13,7 +13,7 @@ from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem._checks import check_bool, check_integer, check_number, check_positive
 from mbocp.robot.loops.kinds.constraint import Axis, Constraint, unit_axis
 from mbocp.terms.contact import ContactTerm
-from mbocp.terms.heights import Surface
+from mbocp.terms.heights import HeightGrid
 from mbocp.terms.span import Span
 
 _Z: Axis = (0.0, 0.0, 1.0)
@@ -53,7 +53,7 @@ class ContactForce:
         Bound of the torque about the normal by the normal force [m].
     impulses : bool
         Whether impulses of impacts in which the constraint acts stay in the cones, and push, too.
-    surface : Surface, optional
+    surface : HeightGrid, optional
         A map on which the first frame stands, in the world: its normal is meant, wherever the frame is.
     span : Span
         When it holds.
@@ -70,7 +70,7 @@ class ContactForce:
     pressure: tuple[float, float] | None = None
     yaw_friction: float | None = None
     impulses: bool = True
-    surface: Surface | None = None
+    surface: HeightGrid | None = None
     span: Span = field(default_factory=Span)
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ from mbocp.robot.kinematics import WORLD
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
 from mbocp.terms.kinds import PATH_TERMS, Follow, Position
 from mbocp.terms.path_term import PathTerm
-from mbocp.terms.span import Place, Span
+from mbocp.terms.span import NodePlace, Span
 
 PATH_KINDS: tuple[str, ...] = tuple(PATH_TERMS)
 
@@ -178,7 +178,7 @@ class PathConstraint(BoundedTerm):
         found[: np.flatnonzero(found[:, 0])[-1], list(self.term.rows_at_end)] = False
         return found
 
-    def at_via(self, places: Mapping[str, Place]) -> PathConstraint:
+    def at_via(self, places: Mapping[str, NodePlace]) -> PathConstraint:
         """The same between nodes."""
         if not self.span.via_names:
             return self

@@ -10,7 +10,7 @@ from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot
-from mbocp.terms.kinds import PATH_TERMS, Motor
+from mbocp.terms.kinds import PATH_TERMS, MotorTorque
 from mbocp.terms.over_speed import OverSpeed, place_of
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class SpeedLines:
     def of(cls, path: PathConstraint, robot: Robot) -> SpeedLines | None:
         """Those of a constraint; None where torques of its joint are not those of one control alone."""
         dof, kind = place_of(path.frame, robot), kind_of(path)
-        if not issubclass(kind, Motor):
+        if not issubclass(kind, MotorTorque):
             return cls(path, None, dof, 1.0, kind.slopes(path))
         pushes = robot.actuation.selection[dof]
         (controls,) = np.nonzero(pushes)

@@ -55,7 +55,7 @@ class CompiledFunctions:
         When there is no library.
     compiled_now : bool
         Whether this call had to compile.
-    later : Later, optional
+    later : LateFunctions, optional
         Further functions of the shape.
     opened : dict of str to StageFunction
         Tapes that the kernel has read, which are only copied, as reading takes long.
@@ -67,7 +67,11 @@ class CompiledFunctions:
     compile_now: Callable[[], CompiledFunctions] | None = None
 
     def __init__(
-        self, library: Path | None, tapes: Tapes | None, compiled_now: bool, later: Later | None = None
+        self,
+        library: Path | None,
+        tapes: Tapes | None,
+        compiled_now: bool,
+        later: LateFunctions | None = None,
     ) -> None:
         self.library, self.tapes, self.compiled_now = library, tapes, compiled_now
         self.later, self.opened = later, {}
@@ -83,7 +87,7 @@ class CompiledFunctions:
         held = {} if self.tapes is None else self.tapes.held
         return str(self.library or hash(tuple(sorted(held.items()))))
 
-    def with_later(self, later: Later) -> CompiledFunctions:
+    def with_later(self, later: LateFunctions) -> CompiledFunctions:
         """These functions and further ones."""
         both = CompiledFunctions(self.library, self.tapes, self.compiled_now, later)
         both.opened, both.compile_now = self.opened, self.compile_now
@@ -134,7 +138,7 @@ class CompiledFunctions:
         return {**self.__dict__, "opened": {}, "compile_now": None}
 
 
-class Later:
+class LateFunctions:
     """Functions of a shape that most solves do not ask for: compiled when one of them is asked for first.
 
     Parameters

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from mbocp.robot.loading.robot_sources import RobotEntry as RobotEntry
     from mbocp.robot.loading.robot_sources import list_robots as list_robots
     from mbocp.robot.loops.kinds.constraint import Constraint as Constraint
-    from mbocp.robot.loops.kinds.constraint import Kinematics as Kinematics
+    from mbocp.robot.loops.kinds.constraint import FrameKinematics as FrameKinematics
     from mbocp.robot.loops.kinds.coupling import Coupling as Coupling
     from mbocp.robot.loops.kinds.hinges import Hinge as Hinge
     from mbocp.robot.loops.kinds.hinges import Screw as Screw
     from mbocp.robot.loops.kinds.hinges import Weld as Weld
-    from mbocp.robot.loops.kinds.kept_points import Point as Point
+    from mbocp.robot.loops.kinds.kept_points import PointConstraint as PointConstraint
     from mbocp.robot.loops.kinds.kept_points import PointOnLine as PointOnLine
     from mbocp.robot.loops.kinds.kept_points import PointOnPlane as PointOnPlane
     from mbocp.robot.loops.kinds.rod import Rod as Rod

@@ -25,7 +25,7 @@ from mbocp.terms.frame_end import FrameEnd
 
 
 @dataclass(frozen=True, eq=False)
-class Parameter(ABC):
+class ProblemNumbers(ABC):
     """Some numbers of a problem.
 
     Attributes

@@ -15,13 +15,13 @@ from mbocp._text import warn_caller
 from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
-from mbocp.sensitivity.change import Change, Parameter
+from mbocp.sensitivity.change import Change, ProblemNumbers
 from mbocp.sensitivity.kkt import Optimum, Parts
 from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameters import parameters_of
-from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, Reader, readings_of
+from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, OptimumReader, readings_of
 from mbocp.solution import Solution
 
 _LISTED = 4  # degenerate limits in a message
@@ -75,12 +75,12 @@ class Sensitivities:
     formulation : Formulation
     iterate : Iterate
         Of the solution.
-    parameters : tuple of Parameter
+    parameters : tuple of ProblemNumbers
     """
 
     formulation: Formulation
     iterate: Iterate
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[ProblemNumbers, ...]
 
     def __repr__(self) -> str:
         return f"<Sensitivities of {self.formulation.problem.name} in {', '.join(self.names)}>"
@@ -240,8 +240,8 @@ class Sensitivities:
         return Change.join([parameter.change() for parameter in self.parameters])
 
     @cached_property
-    def _reader(self) -> Reader:
-        return Reader(self.formulation, self._optimum.kkt.optimum)
+    def _reader(self) -> OptimumReader:
+        return OptimumReader(self.formulation, self._optimum.kkt.optimum)
 
     @cached_property
     def _stretches(self) -> Array:

@@ -20,13 +20,13 @@ from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.robot import Robot
-from mbocp.sensitivity.change import POINTS, Change, Parameter, change_along
+from mbocp.sensitivity.change import POINTS, Change, ProblemNumbers, change_along
 
 _SAME = 1e-9  # [rad, m]
 
 
 @dataclass(frozen=True, eq=False)
-class OfState(Parameter):
+class OfState(ProblemNumbers):
     """Configurations, and velocities or momenta; configurations move in the tangent space."""
 
     @property
@@ -99,7 +99,7 @@ def has_chord(problem: Problem) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Start(OfState):
+class StartNumbers(OfState):
     """Configuration or velocity at the start."""
 
     @classmethod

@@ -12,13 +12,13 @@ from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
-from mbocp.sensitivity.change import Change, Parameter
+from mbocp.sensitivity.change import Change, ProblemNumbers
 from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_goal import FrameGoal
 
 
 @dataclass(frozen=True, eq=False)
-class GoalOfFrame(Parameter):
+class GoalOfFrame(ProblemNumbers):
     """Position or orientation of a frame at the end; orientations turn about the axes that are asked for."""
 
     @classmethod

@@ -29,7 +29,7 @@ from mbocp.robot.named_numbers import (
     with_numbers_of_model,
 )
 from mbocp.robot.payload import INERTIA_KEYS, Payload
-from mbocp.sensitivity.change import Change, Parameter, change_along
+from mbocp.sensitivity.change import Change, ProblemNumbers, change_along
 from mbocp.sensitivity.of_ends import nearest_configuration
 from mbocp.symbolic import ModelNumber
 
@@ -40,7 +40,7 @@ _NAMES = {"mass": ("mass",), "com": ("x", "y", "z"), "inertia": INERTIA_KEYS}
 
 
 @dataclass(frozen=True, eq=False)
-class OfRobot(Parameter):
+class OfRobot(ProblemNumbers):
     """What is a function of numbers of the robot."""
 
     @property

@@ -13,8 +13,8 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
 from mbocp.problem import Problem
 from mbocp.problem.limits import LIMITS
-from mbocp.sensitivity.change import Change, Parameter, change_along, has_plain_numbers, says_all
-from mbocp.sensitivity.of_ends import GoalOfJoints, Start, has_chord
+from mbocp.sensitivity.change import Change, ProblemNumbers, change_along, has_plain_numbers, says_all
+from mbocp.sensitivity.of_ends import GoalOfJoints, StartNumbers, has_chord
 from mbocp.sensitivity.of_frames import GoalOfFrame
 from mbocp.sensitivity.of_robot import NumberByWord, NumbersOfRobot, PayloadNumbers
 from mbocp.terms.cost import RunningTerm, WeightedCost
@@ -25,7 +25,7 @@ _LITTLE = 2.0**-15  # by which a number is moved to see what moves with it
 
 
 @dataclass(frozen=True, eq=False)
-class Weight(Parameter):
+class Weight(ProblemNumbers):
     """Weights of a term of the cost, in which it is linear."""
 
     @classmethod
@@ -88,7 +88,7 @@ class Weight(Parameter):
 
 
 @dataclass(frozen=True, eq=False)
-class Limit(Parameter):
+class Limit(ProblemNumbers):
     """One side of limits; they pull where they are active."""
 
     @classmethod
@@ -169,7 +169,7 @@ class Limit(Parameter):
 
 
 @dataclass(frozen=True, eq=False)
-class Duration(Parameter):
+class Duration(ProblemNumbers):
     """The given duration, of which all steps are equal shares."""
 
     scales_time = True
@@ -212,8 +212,8 @@ class Duration(Parameter):
         return replace(problem, timeline=replace(timeline, duration=duration, phases=phases))
 
 
-PARAMETERS: tuple[type[Parameter], ...] = (
-    Start,
+PARAMETERS: tuple[type[ProblemNumbers], ...] = (
+    StartNumbers,
     GoalOfJoints,
     GoalOfFrame,
     Weight,
@@ -225,7 +225,7 @@ PARAMETERS: tuple[type[Parameter], ...] = (
 )
 
 
-def parameters_of(formulation: Formulation, wrt: Sequence[str]) -> list[Parameter]:
+def parameters_of(formulation: Formulation, wrt: Sequence[str]) -> list[ProblemNumbers]:
     """Parameters by their words.
 
     Raises
@@ -233,7 +233,7 @@ def parameters_of(formulation: Formulation, wrt: Sequence[str]) -> list[Paramete
     ProblemError
         If the problem has none of a word, or derivatives in it are not supported.
     """
-    kinds: dict[str, type[Parameter]] = {}
+    kinds: dict[str, type[ProblemNumbers]] = {}
     for kind in PARAMETERS:
         kinds |= dict.fromkeys(kind.words(formulation), kind)
         if wrt and kinds.keys() >= set(wrt):

@@ -110,7 +110,7 @@ def readings_of(formulation: Formulation) -> Iterator[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Reader:
+class OptimumReader:
     """What is read off an optimum of a formulation."""
 
     formulation: Formulation

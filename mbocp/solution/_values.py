@@ -13,7 +13,7 @@ import numpy as np
 
 from mbocp._arrays import Array, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
-from mbocp.storage.content import QUANTITIES, Quantity
+from mbocp.storage.content import QUANTITIES, StoredQuantity
 
 _NAMED = ("lam", "zeta", "symmetry", "path")  # axes of which there may be none
 
@@ -107,7 +107,7 @@ def _sizes(given: Mapping[str, Any], nodes: int, num_momenta: int, num_path: int
     }
 
 
-def _absent(quantity: Quantity, sizes: Mapping[str, int | None]) -> Array:
+def _absent(quantity: StoredQuantity, sizes: Mapping[str, int | None]) -> Array:
     """What stands for numbers that nobody has worked out; what has names of its own has no columns then."""
     shape = [0 if axis in _NAMED else sizes[axis] or 0 for axis in quantity.axes]
     array = np.full(shape, quantity.absent)

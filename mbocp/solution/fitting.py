@@ -21,7 +21,7 @@ _SAME = 1e-9  # [s]
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FitResult:
     """Curves, and what they were fitted by."""
 
     curves: Curves
@@ -55,7 +55,7 @@ class CurveFit:
         cubics, smooth = (self.joints.factor(curves, self.rate) for curves in (self.cubics, quintics))
         return self.cubics if cubics < smooth else quintics
 
-    def fit(self, asked: Fit, slower: float, mean: float = 0.0) -> Fit:
+    def fit(self, asked: FitResult, slower: float, mean: float = 0.0) -> FitResult:
         """Curves that keep the limits, slower by a factor or more; as asked at worst.
 
         From rest to rest the way stays, unless that takes more time than is allowed.
@@ -67,7 +67,7 @@ class CurveFit:
         if self.has_jerk.any() and self.joints.excesses(asked.curves, self.rate) and not has_no_means:
             found = self._smoother()
         if mean > found.mean and not has_no_means:
-            found = Fit(self.cubics.mean(mean), mean)
+            found = FitResult(self.cubics.mean(mean), mean)
         curves, factor, room = found.curves, slower, FITTED
         while factor * curves.nodes[-1] <= (1.0 + MOST) * self.cubics.nodes[-1]:
             factor = _whole(factor, curves.nodes[-1], None if self.joints.is_joined else self.rate)
@@ -79,7 +79,7 @@ class CurveFit:
             room *= 2.0
         return asked if has_no_means or mean else self._nearest(asked, slower)
 
-    def _nearest(self, asked: Fit, slower: float) -> Fit:
+    def _nearest(self, asked: FitResult, slower: float) -> FitResult:
         """The nearest motion that keeps the limits from its state; as asked where that does, or none does."""
         joints, duration = self.joints, float(self.cubics.nodes[-1])
         rate = None if joints.is_joined else self.rate
@@ -90,9 +90,9 @@ class CurveFit:
         nearest = Nearest(self.cubics, joints.bounds, joints.braking, joints.ends)
         factors = [_whole(factor, duration, rate) for factor in np.linspace(1.0, 1.0 + MOST, _TRIES + 1)]
         found = nearest.fastest(sorted({factor for factor in factors if factor >= slower}))
-        return asked if found is None else Fit(found[1], slower=found[0], is_nearest=True)
+        return asked if found is None else FitResult(found[1], slower=found[0], is_nearest=True)
 
-    def _smoother(self) -> Fit:
+    def _smoother(self) -> FitResult:
         """The moving mean of cubics or a spline that is shortest once it is slow enough.
 
         That over one step keeps limits of jerks as problems have them: of means of steps.
@@ -110,7 +110,7 @@ class CurveFit:
                 means = [base.mean(width) for width in widths]
                 durations = [mean.nodes[-1] * self.joints.factor(mean, None) for mean in means]
                 k = int(np.argmin(durations))
-                found.append((durations[k], Fit(means[k], float(widths[k]))))
+                found.append((durations[k], FitResult(means[k], float(widths[k]))))
                 near, far = widths[max(k - 1, 0)], widths[min(k + 1, len(widths) - 1)]
         return min(found, key=lambda one: one[0])[1]
 

@@ -13,7 +13,7 @@ _REST = "_rest"  # in the place of the fields that are not there yet, what gives
 _ALONE = "_alone"  # what gives some of them one by one
 
 
-class Later:
+class LateField:
     """Stands in a class for a field that an instance may not have yet; one that is there takes its place."""
 
     def __init__(self, name: str) -> None:
@@ -42,7 +42,7 @@ def defer(
     Parameters
     ----------
     cls : type
-        Whose other fields are `Later`.
+        Whose other fields are `LateField`.
     now : mapping
         Fields that are there, as the instance has them.
     rest : callable

@@ -17,7 +17,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.solution.curves import Curves
-from mbocp.solution.fitting import CurveFit, Fit
+from mbocp.solution.fitting import CurveFit, FitResult
 from mbocp.solution.joints_sent import Excess, read_joints, sample_times
 from mbocp.solution.solution_data import SolutionData
 
@@ -148,7 +148,7 @@ def motion_as_sent(
     joints, cubics, lag = read_joints(solution, is_joined=is_joined)
     _check_rate(rate, cubics)
     fitting = CurveFit(joints, cubics, rate, interpolation)
-    found = Fit(fitting.follow_request())
+    found = FitResult(fitting.follow_request())
     can_fit = (rate is not None or is_joined) and not cubics.has_impacts
     if fit and can_fit:
         found = fitting.fit(found, slower, mean)

@@ -18,7 +18,7 @@ from mbocp.robot.robot_files import RobotFiles
 from mbocp.solution._values import check_arrays, json_copy
 from mbocp.solution.conserved import ConservedQuantity, sum_up_momenta
 from mbocp.solution.details import Accuracy, Column, Labels, StartRecord, dual_columns
-from mbocp.solution.later import Later, complete
+from mbocp.solution.later import LateField, complete
 from mbocp.solution.problem_facts import Facts, PhasePlace
 from mbocp.solvers.records import IterationRecord, Phase, Status
 from mbocp.storage.content import QUANTITIES
@@ -371,4 +371,4 @@ _KINDS: dict[type, tuple[str, ...]]
 _KINDS = {str: WORDS, int: COUNTS, float: NUMBERS, tuple: _RECORDS, Status: ("status",)}
 TOLD, SIGNED = _with("is_told"), _with("is_signed")
 for _field in fields(SolutionData):
-    setattr(SolutionData, _field.name, Later(_field.name))
+    setattr(SolutionData, _field.name, LateField(_field.name))

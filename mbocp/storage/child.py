@@ -16,7 +16,7 @@ def main(cpu_seconds: int, memory: int) -> None:
     Parameters
     ----------
     cpu_seconds, memory : int
-        Limits, see `mbocp.storage.guarded.Limits`.
+        Limits, see `mbocp.storage.guarded.ReadLimits`.
     """
     _limit(resource.RLIMIT_CORE, 0)
     _limit(resource.RLIMIT_CPU, cpu_seconds)

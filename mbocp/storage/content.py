@@ -22,7 +22,7 @@ _ROWS = {  # what the first axis runs over
 }
 
 
-class Quantity(NamedTuple):
+class StoredQuantity(NamedTuple):
     """An array of a result: what it is, over what it runs, and what its columns are.
 
     Attributes
@@ -61,14 +61,14 @@ class Quantity(NamedTuple):
         return len(self.axes) == 1 and self.columns != "numbers"
 
 
-def _limit(letter: str, what: str) -> Quantity:
+def _limit(letter: str, what: str) -> StoredQuantity:
     axes, symbol = ("side", letter), f"{letter}_min, {letter}_max"
-    return Quantity(symbol, f"limits of the {what}", axes, letter, math.inf, may_lack=True)
+    return StoredQuantity(symbol, f"limits of the {what}", axes, letter, math.inf, may_lack=True)
 
 
-def _of_limit(letter: str, row: str) -> Quantity:
+def _of_limit(letter: str, row: str) -> StoredQuantity:
     words = f"multiplier of the limits of {letter}: positive at an upper one"
-    return Quantity(
+    return StoredQuantity(
         f"lambda_{letter}",
         words,
         (row, letter),
@@ -79,23 +79,27 @@ def _of_limit(letter: str, row: str) -> Quantity:
     )
 
 
-def _spread(letter: str, row: str) -> Quantity:
+def _spread(letter: str, row: str) -> StoredQuantity:
     words = f"standard deviation of {letter} about the plan"
-    return Quantity(f"sigma_{letter}", words, (row, letter), letter, may_lack=True, heading=f"sigma_{letter}")
+    return StoredQuantity(
+        f"sigma_{letter}", words, (row, letter), letter, may_lack=True, heading=f"sigma_{letter}"
+    )
 
 
 # A row is all that files, tables, datasets and checks know of a quantity: a new one is a row here, a field
 # of `mbocp.solution.solution_data.SolutionData`, and the place where it is worked out.
-QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
+QUANTITIES: Mapping[str, StoredQuantity] = MappingProxyType(
     {
-        "t": Quantity("t", "time of the nodes", ("node",), "t [s]"),
-        "qs": Quantity("q", "configuration", ("node", "q"), "q", heading="q"),
-        "vs": Quantity("v", "velocity in the tangent space of the joints", ("node", "v"), "v", heading="v"),
-        "ps": Quantity("p", "momentum M(q) v", ("node", "p"), "p", heading="p"),
-        "us": Quantity(
+        "t": StoredQuantity("t", "time of the nodes", ("node",), "t [s]"),
+        "qs": StoredQuantity("q", "configuration", ("node", "q"), "q", heading="q"),
+        "vs": StoredQuantity(
+            "v", "velocity in the tangent space of the joints", ("node", "v"), "v", heading="v"
+        ),
+        "ps": StoredQuantity("p", "momentum M(q) v", ("node", "p"), "p", heading="p"),
+        "us": StoredQuantity(
             "u", "control over its step; its mean where it varies", ("step", "u"), "u", heading="u"
         ),
-        "u_values": Quantity(
+        "u_values": StoredQuantity(
             "u",
             "control at the shares of a step, second axis; between them a polynomial",
             ("step", "share", "u"),
@@ -103,8 +107,10 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
             may_lack=True,
             heading="u",
         ),
-        "u_shares": Quantity("c", "where in a step controls have values", ("share",), "share", may_lack=True),
-        "lams": Quantity(
+        "u_shares": StoredQuantity(
+            "c", "where in a step controls have values", ("share",), "share", may_lack=True
+        ),
+        "lams": StoredQuantity(
             "lambda",
             "multiplier of the holonomic constraints in the step",
             ("step", "lam"),
@@ -112,17 +118,17 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
             0.0,
             heading="lam",
         ),
-        "mus": Quantity(
+        "mus": StoredQuantity(
             "mu", "adjoint of the state: first of q, then of p", ("node", "mu"), "mu", heading="mu"
         ),
-        "zetas": Quantity(
+        "zetas": StoredQuantity(
             "zeta", "adjoint of the holonomic constraints", ("step", "zeta"), "zeta", 0.0, heading="zeta"
         ),
-        "eta": Quantity("eta", "multiplier of the exact end condition", ("condition",), "numbers"),
-        "control_hamiltonians": Quantity(
+        "eta": StoredQuantity("eta", "multiplier of the exact end condition", ("condition",), "numbers"),
+        "control_hamiltonians": StoredQuantity(
             "H", "control Hamiltonian, eq. (11)", ("step",), "H [cost/s]", math.nan, heading=""
         ),
-        "control_momenta": Quantity(
+        "control_momenta": StoredQuantity(
             "xi",
             "control momentum, eq. (15), one column a symmetry",
             ("node", "symmetry"),
@@ -130,13 +136,13 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
             0.0,
             heading="xi",
         ),
-        "manifold_drifts": Quantity(
+        "manifold_drifts": StoredQuantity(
             "d", "distance of the rotations from their manifold", ("node",), "drift", math.nan, may_lack=True
         ),
         "lam_us": _of_limit("u", "step"),
         "lam_qs": _of_limit("q", "node"),
         "lam_vs": _of_limit("v", "node"),
-        "lam_path": Quantity(
+        "lam_path": StoredQuantity(
             "lambda_h",
             "multiplier of the path constraints",
             ("later node", "path"),
@@ -148,14 +154,14 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "limits_u": _limit("u", "control"),
         "limits_v": _limit("v", "velocity"),
         "limits_q": _limit("q", "configuration"),
-        "gains": Quantity(
+        "gains": StoredQuantity(
             "K",
             "feedback: what u, second axis, answers to moves of (q, v), third",
             ("step", "answer", "move"),
             "moves",
             may_lack=True,
         ),
-        "sigma_qs": Quantity(
+        "sigma_qs": StoredQuantity(
             "sigma_q", "standard deviation of q along its tangent", ("node", "v"), "numbers", may_lack=True
         ),
         "sigma_vs": _spread("v", "node"),
@@ -164,11 +170,11 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 )
 
 
-def _part(symbol: str, description: str, *axes: str) -> Quantity:
-    return Quantity(symbol, description, axes, "numbers" if len(axes) > 1 else "", may_lack=True)
+def _part(symbol: str, description: str, *axes: str) -> StoredQuantity:
+    return StoredQuantity(symbol, description, axes, "numbers" if len(axes) > 1 else "", may_lack=True)
 
 
-ITERATE: Mapping[str, Quantity] = MappingProxyType(  # of the solver's last iterate
+ITERATE: Mapping[str, StoredQuantity] = MappingProxyType(  # of the solver's last iterate
     {
         "iterate_xs": _part("x", "solver's states, for a warm start", "node", "any"),
         "iterate_ys": _part("y", "solver's algebraic unknowns", "step", "any"),

@@ -18,7 +18,7 @@ from mbocp.exceptions import ResultFileError
 REFUSED = 3  # exit status of the process with a reason on stdout
 
 
-class Limits(NamedTuple):
+class ReadLimits(NamedTuple):
     """What reading an old file may take.
 
     Attributes
@@ -33,13 +33,13 @@ class Limits(NamedTuple):
     memory: int = 4 << 30
     wall_seconds: float = 120.0
 
-    def for_size(self, size: int) -> Limits:
+    def for_size(self, size: int) -> ReadLimits:
         """The same with more for the bytes of a large file: a second for 10 MB, eight bytes for each."""
         more = size // 10_000_000
-        return Limits(self.cpu_seconds + more, self.memory + 8 * size, self.wall_seconds + 6 * more)
+        return ReadLimits(self.cpu_seconds + more, self.memory + 8 * size, self.wall_seconds + 6 * more)
 
 
-LIMITS = Limits()
+LIMITS = ReadLimits()
 
 _START = "from mbocp.storage.child import main\nmain(*map(int, sys.argv[1:]))\n"
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -76,7 +76,7 @@ def renew(path: str | Path, content: bytes) -> bytes:
     return process.stdout
 
 
-def _end(status: int, limits: Limits) -> str:
+def _end(status: int, limits: ReadLimits) -> str:
     if status == -signal.SIGXCPU:
         return f"reading it did not end in {limits.cpu_seconds} s"
     if status < 0:

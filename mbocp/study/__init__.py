@@ -9,6 +9,6 @@ result.column("cost")
 from mbocp.study.result import StudyResult
 from mbocp.study.run import StudyWarning, run_study
 from mbocp.study.study import Study, Task
-from mbocp.study.summary import Group, Spread, Summary
+from mbocp.study.summary import Spread, Summary, TaskGroup
 
-__all__ = ["Group", "Spread", "Study", "StudyResult", "StudyWarning", "Summary", "Task", "run_study"]
+__all__ = ["Spread", "Study", "StudyResult", "StudyWarning", "Summary", "Task", "TaskGroup", "run_study"]

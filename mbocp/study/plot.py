@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from mbocp.exceptions import StudyError
-from mbocp.study.summary import Group, Spread, Summary
+from mbocp.study.summary import Spread, Summary, TaskGroup
 from mbocp.view.figures.style import GREY, PALETTE, house_style, new_figure, plain_text, save_figure
 
 _WIDTH, _BAR, _FRAME = 2.5, 0.3, 1.1  # [inch] of a panel, a bar, and what stands around the bars
@@ -22,7 +22,7 @@ _MIN_BARS, _MAX_BARS = 3, 100  # bars for whose height there is room
 class _Panel(NamedTuple):
     title: str
     unit: str
-    spread: Callable[[Group], Spread]
+    spread: Callable[[TaskGroup], Spread]
 
 
 def plot_summary(summary: Summary, path: str | Path, *, title: str = "") -> Path:
@@ -56,11 +56,11 @@ def plot_summary(summary: Summary, path: str | Path, *, title: str = "") -> Path
         return save_figure(figure, path)
 
 
-def _panels(groups: Sequence[Group]) -> list[_Panel]:
+def _panels(groups: Sequence[TaskGroup]) -> list[_Panel]:
     longest = max((g.seconds.mean for g in groups if math.isfinite(g.seconds.mean)), default=0.0)
     unit, scale = ("s", 1.0) if longest >= 1.0 else ("ms", 1e3)
 
-    def seconds(group: Group) -> Spread:
+    def seconds(group: TaskGroup) -> Spread:
         return Spread(scale * group.seconds.mean, scale * group.seconds.deviation)
 
     return [
@@ -71,7 +71,7 @@ def _panels(groups: Sequence[Group]) -> list[_Panel]:
     ]
 
 
-def _draw(axes: Axes, panel: _Panel, groups: Sequence[Group], color: str) -> None:
+def _draw(axes: Axes, panel: _Panel, groups: Sequence[TaskGroup], color: str) -> None:
     spreads = [panel.spread(group) for group in groups]
     means = np.array([spread.mean for spread in spreads])
     deviations = np.array([spread.deviation for spread in spreads])

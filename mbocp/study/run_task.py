@@ -130,7 +130,7 @@ _lock = threading.Lock()  # an executor's workers may have several threads; a so
 
 
 @dataclass(frozen=True)
-class Job:
+class StudyJob:
     """What all tasks of a study have in common.
 
     Attributes
@@ -191,7 +191,7 @@ class _Watch:
         return self.limit is not None and seconds > self.limit
 
 
-def make_problem(job: Job, overrides: Mapping[str, Any]) -> Problem:
+def make_problem(job: StudyJob, overrides: Mapping[str, Any]) -> Problem:
     """Problem of a task; its robot is loaded once a process."""
     document = apply_overrides(job.document, {**overrides, "solver.threads": 1})  # tasks have all processors
     if job.time_limit is not None and not _limits_time(document.get("solver")):
@@ -207,12 +207,12 @@ def make_problem(job: Job, overrides: Mapping[str, Any]) -> Problem:
     return problem
 
 
-def run_task(job: Job, overrides: Mapping[str, Any], custom: Solve | None = None) -> dict[str, Any]:
+def run_task(job: StudyJob, overrides: Mapping[str, Any], custom: Solve | None = None) -> dict[str, Any]:
     """Row of a task; whatever is raised on the way becomes one, too.
 
     Parameters
     ----------
-    job : Job
+    job : StudyJob
     overrides : mapping
         What makes this task, values by dotted key.
     custom : callable, optional
@@ -236,7 +236,7 @@ def run_task(job: Job, overrides: Mapping[str, Any], custom: Solve | None = None
         return row
 
 
-def rehearse(job: Job, overrides: Mapping[str, Any]) -> None:
+def rehearse(job: StudyJob, overrides: Mapping[str, Any]) -> None:
     """Take one iteration of a task, so that all functions of its kind are compiled and in the cache."""
     with _lock, warnings.catch_warnings():
         warnings.simplefilter("ignore")

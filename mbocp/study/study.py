@@ -21,7 +21,7 @@ from mbocp.problem.file.load import load_document
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.file.read_tables import ProblemTable, check_tables
-from mbocp.study.run_task import Job, check_record
+from mbocp.study.run_task import StudyJob, check_record
 from mbocp.study.study_schema import StudyTable
 from mbocp.study.values import (
     LABEL,
@@ -64,7 +64,7 @@ class Study:
     Attributes
     ----------
     name : str
-    job : Job
+    job : StudyJob
         What is the same for all tasks: the problem's tables, the time limit, what is recorded.
     dimensions : tuple of Dimension
         Grid keys, axes, then the sample or the list; each in the order of the file.
@@ -77,7 +77,7 @@ class Study:
     """
 
     name: str
-    job: Job
+    job: StudyJob
     dimensions: tuple[Dimension, ...]
     tables: Mapping[str, Any]
     by: tuple[str, ...] | None = None
@@ -200,7 +200,7 @@ def _study(table: StudyTable, source: Path | None, label: str) -> Study:
     except ProblemFileError as error:
         raise StudyError(f"fixed: {error.reason}") from error
     origin = problem_path if problem_path is not None else source
-    job = Job(
+    job = StudyJob(
         document=document,
         source=origin.absolute() if origin is not None else None,
         label=str(origin) if origin is not None else label,
@@ -273,7 +273,7 @@ def _check_tables(study: Study, label: str) -> None:
             _check_document(study.job, {**first, **point.overrides}, label)
 
 
-def _check_document(job: Job, overrides: Mapping[str, Any], label: str) -> None:
+def _check_document(job: StudyJob, overrides: Mapping[str, Any], label: str) -> None:
     try:
         document = apply_overrides(job.document, overrides)
     except ProblemFileError as error:

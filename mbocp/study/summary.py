@@ -38,7 +38,7 @@ class Spread:
 
 
 @dataclass(frozen=True)
-class Group:
+class TaskGroup:
     """Tasks that share the values of what the summary goes by.
 
     Attributes
@@ -89,13 +89,13 @@ class Summary:
     ----------
     by : tuple of str
         What tells the groups apart.
-    groups : tuple of Group
+    groups : tuple of TaskGroup
     goal_distance : float or None
         How far from the goal a success may end; None: as far as it likes.
     """
 
     by: tuple[str, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[TaskGroup, ...]
     goal_distance: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
@@ -129,11 +129,11 @@ def word(value: Any) -> str:
     return "-" if value is None else str(value)
 
 
-def _group(rows: Sequence[Mapping[str, Any]], by: Sequence[str], goal_distance: float | None) -> Group:
+def _group(rows: Sequence[Mapping[str, Any]], by: Sequence[str], goal_distance: float | None) -> TaskGroup:
     ends = [_end(row, goal_distance) for row in rows]
     good = [row for row, end in zip(rows, ends, strict=True) if not end]
     costs = {row["index"]: row["cost"] for row in good if row.get("cost") is not None}
-    return Group(
+    return TaskGroup(
         values=tuple(rows[0].get("values", {}).get(name) for name in by),
         tasks=len(rows),
         successes=len(good),

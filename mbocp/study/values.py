@@ -24,7 +24,7 @@ _BYTES = 200  # of a value that was drawn, about
 
 
 @dataclass(frozen=True)
-class Point:
+class DimensionValue:
     """One value along a dimension.
 
     Attributes
@@ -46,11 +46,11 @@ class Dimension:
     Attributes
     ----------
     kind : {"grid", "axis", "sample", "list"}
-    points : tuple of Point
+    points : tuple of DimensionValue
     """
 
     kind: str
-    points: tuple[Point, ...]
+    points: tuple[DimensionValue, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ def grid_dimensions(written: Mapping[str, Any]) -> Iterator[Dimension]:
         where = f"grid.{key}"
         _check_key(key, None if _is_table_of(entry, _RANGES) else entry, where)
         values = _grid_values(entry, where)
-        yield Dimension("grid", tuple(Point({key: value}, {key: value}) for value in values))
+        yield Dimension("grid", tuple(DimensionValue({key: value}, {key: value}) for value in values))
 
 
 def axis_dimension(table: AxisTable, index: int) -> Dimension:
@@ -96,7 +96,7 @@ def axis_dimension(table: AxisTable, index: int) -> Dimension:
         if label in seen:
             raise StudyError(f"{where}: label {label!r} stands twice in axis {table.name!r}")
         seen.add(label)
-        points.append(Point({table.name: label}, _entry_keys(entry, where)))
+        points.append(DimensionValue({table.name: label}, _entry_keys(entry, where)))
     if not points:
         raise StudyError(f"axis.{index}.values: axis {table.name!r} has no values")
     return Dimension("axis", tuple(points))
@@ -108,7 +108,7 @@ def list_dimension(entries: Sequence[Mapping[str, Any]]) -> Dimension:
     for i, entry in enumerate(entries):
         keys = _entry_keys(entry, f"list.{i}")
         named = {LABEL: entry[LABEL], **keys} if LABEL in entry else keys
-        points.append(Point(named, keys))
+        points.append(DimensionValue(named, keys))
     return Dimension("list", tuple(points))
 
 
@@ -132,7 +132,7 @@ def sample_dimension(written: Mapping[str, Any], seed: int) -> Dimension:
         generator = np.random.default_rng([seed, zlib.crc32(key.encode())])
         columns.append(_draw(written[key], count, generator, where))
     rows = [dict(zip(keys, values, strict=True)) for values in zip(*columns, strict=True)]
-    return Dimension("sample", tuple(Point(row, row) for row in rows))
+    return Dimension("sample", tuple(DimensionValue(row, row) for row in rows))
 
 
 _EXAMPLE = '"goal.q.elbow_joint" = { uniform = [-1, 1] }'

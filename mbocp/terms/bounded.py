@@ -14,7 +14,7 @@ from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.point import Point
-from mbocp.terms.span import Place, Span
+from mbocp.terms.span import NodePlace, Span
 
 SidesInSteps: TypeAlias = tuple[slice | IntArray, Array, Array]
 
@@ -167,7 +167,7 @@ class BoundedTerm:
         """
         return None
 
-    def at_via(self, places: Mapping[str, Place]) -> BoundedTerm:
+    def at_via(self, places: Mapping[str, NodePlace]) -> BoundedTerm:
         """The same with the nodes at which it begins and ends, where via points or phases say it."""
         return self
 

@@ -35,7 +35,7 @@ class CostWeights(Protocol):
         """Value of a field, or of a further term."""
 
 
-class Reader(Protocol):
+class CostTableReader(Protocol):
     """What terms ask of those who read the table `[cost]`: from what is written to arrays."""
 
     @property
@@ -112,7 +112,7 @@ class CostTerm(ABC):
 
     @classmethod
     @abstractmethod
-    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+    def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:
         """Arguments of `Cost` from a table that has the keys of the term."""
 
     @classmethod
@@ -211,7 +211,7 @@ class WeightedCost(RunningCost):
         return cls() if np.any(given.cost.weight(cls.key)) else None
 
     @classmethod
-    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+    def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:
         """The weights."""
         written, key = getattr(table, cls.key), f"cost.{cls.key}"
         if cls.over == "u":

@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp._keys import Key, Table
 from mbocp.lie import ConfigurationSpace
-from mbocp.terms.cost import CostTerm, CostWeights, Reader, half_square
+from mbocp.terms.cost import CostTableReader, CostTerm, CostWeights, half_square
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import NonNegative, Weights
 
@@ -119,7 +119,7 @@ class TerminalCost(CostTerm):
         return cls(q, p, rate, joints.weighed_parts(weights[:nv]), has_joint_goal)
 
     @classmethod
-    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+    def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:
         """Weight and weights."""
         asked, key = reader.goal_says(), "cost.terminal_weights"
         weights = reader.on_states(table.terminal_weights, asked, key)

@@ -12,7 +12,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.terms.cost import CostWeights, Reader, RunningCost, TermNumbers, WeightedCost, shortest
+from mbocp.terms.cost import CostTableReader, CostWeights, RunningCost, TermNumbers, WeightedCost, shortest
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.written import Control, ControlWeights, NonNegative
 
@@ -75,7 +75,7 @@ class Energy(RunningCost):
         return cls() if np.any(given.cost.weight(cls.key)) else None
 
     @classmethod
-    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+    def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:
         """Rows of the numbers; zeros where there is no such table."""
         written = getattr(table, cls.key)
         if written is None:

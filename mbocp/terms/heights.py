@@ -32,7 +32,7 @@ MOST_HEIGHTS = 1024  # each is an operation of every function that sees them
 _GRID = 6  # numbers of a grid
 
 
-class Surface(NamedTuple):
+class HeightGrid(NamedTuple):
     """A map as numbers.
 
     Attributes
@@ -47,7 +47,7 @@ class Surface(NamedTuple):
     grid: Array
 
     @classmethod
-    def through(cls, heights: Any, cell: float, middle: Any, key: str) -> Surface:
+    def through(cls, heights: Any, cell: float, middle: Any, key: str) -> HeightGrid:
         """Through heights, seen from above as an obstacle's are; `middle` is that of the map, at height 0.
 
         Raises
@@ -165,7 +165,7 @@ class SurfaceShape(NamedTuple):
         return up / ca.sqrt(ca.sumsqr(up))
 
 
-def surface_from(given: Mapping[str, Any], key: str) -> Surface | None:
+def surface_from(given: Mapping[str, Any], key: str) -> HeightGrid | None:
     """The map that keys say; None where they say none.
 
     Raises
@@ -180,7 +180,7 @@ def surface_from(given: Mapping[str, Any], key: str) -> Surface | None:
         return None
     if given.get("cell") is None:
         raise ProblemError(f"{key}: heights: how far are they apart? Give cell [m]")
-    return Surface.through(given["heights"], given["cell"], given.get("middle") or [0.0] * 3, key)
+    return HeightGrid.through(given["heights"], given["cell"], given.get("middle") or [0.0] * 3, key)
 
 
 @dataclass(frozen=True)
@@ -242,5 +242,5 @@ class Height(PathTerm):
         return place[2] - self._shape.height(place, p)
 
 
-def _surface(given: PathNumbers) -> Surface:
-    return Surface(np.asarray(given.number("coefficients")), np.asarray(given.number("grid")))
+def _surface(given: PathNumbers) -> HeightGrid:
+    return HeightGrid(np.asarray(given.number("coefficients")), np.asarray(given.number("grid")))

@@ -28,7 +28,7 @@ from mbocp.terms.path_term import PATH_TERMS as PATH_TERMS
 from mbocp.terms.frame_path import Position as Position
 from mbocp.terms.braking import Braking as Braking
 from mbocp.terms.over_speed import AccelerationOverSpeed as AccelerationOverSpeed
-from mbocp.terms.motor import Motor as Motor
+from mbocp.terms.motor import MotorTorque as MotorTorque
 from mbocp.terms.kept_poses import Line as Line
 from mbocp.terms.follow import Follow as Follow
 from mbocp.terms.heights import Height as Height

@@ -27,7 +27,7 @@ from mbocp.terms.written import Bound
 
 
 @dataclass(frozen=True)
-class Motor(OverSpeed):
+class MotorTorque(OverSpeed):
     r"""Torque with the voltage of a motor, seen behind its gear; of a `[[robot.motor]]` before it.
 
     .. math:: -\tau_0 \le \tau + \frac{\tau_0}{v_0} v \le \tau_0

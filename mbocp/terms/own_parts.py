@@ -16,7 +16,7 @@ from mbocp.terms.bounded import BoundedTerm
 from mbocp.terms.cost import ForceRows, RunningTerm, TermNumbers, running_costs
 from mbocp.terms.own import OwnTerm, TermFunction
 from mbocp.terms.point import Point, Sizes
-from mbocp.terms.span import Place, Span
+from mbocp.terms.span import NodePlace, Span
 
 _WEIGHT = "weight"
 
@@ -201,7 +201,7 @@ class OwnPathConstraint(BoundedTerm):
         """The same with attitudes in these coordinates."""
         return OwnPath.of(self.own, self.robot, rotations)
 
-    def at_via(self, places: Mapping[str, Place]) -> OwnPathConstraint:
+    def at_via(self, places: Mapping[str, NodePlace]) -> OwnPathConstraint:
         """The same between nodes."""
         if not self.span.via_names:
             return self

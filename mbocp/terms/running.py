@@ -13,8 +13,8 @@ from mbocp._keys import Key, Table
 from mbocp.mechanics import Mechanics
 from mbocp.mechanics.forces import controls_beside, controls_for
 from mbocp.terms.cost import (
+    CostTableReader,
     CostWeights,
-    Reader,
     RunningCost,
     TermNumbers,
     WeightedCost,
@@ -106,7 +106,7 @@ class Tracking(RunningCost):
         return cls(q, p, given.joints.weighed_parts(weights[:nv])) if q or p else None
 
     @classmethod
-    def read(cls, table: Any, reader: Reader) -> dict[str, Any]:
+    def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:
         """Weight, weights, targets."""
         target_q, target_p, given = reader.targets(table.target, table.target_file)
         key = "cost.tracking_weights"

@@ -49,7 +49,7 @@ class AtVia:
     share: float | None = None
 
 
-class Place(NamedTuple):
+class NodePlace(NamedTuple):
     """Nodes of a via point or a phase.
 
     Attributes
@@ -165,7 +165,7 @@ class Span:
         """Whether it begins or ends at a time, so that its nodes depend on the lengths of the steps."""
         return any(is_number(end) and end > 0.0 for end in (self.since, self.until))
 
-    def at_via(self, nodes: Mapping[str, Place], key: str) -> Span:
+    def at_via(self, nodes: Mapping[str, NodePlace], key: str) -> Span:
         """The same with the nodes of via points and phases by name: where each begins, and where it ends.
 
         Raises

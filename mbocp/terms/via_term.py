@@ -20,7 +20,7 @@ from collections.abc import Mapping
 import casadi as ca
 
 from mbocp._arrays import dataclass
-from mbocp.lie.configuration import Part
+from mbocp.lie.configuration import JointSpace
 from mbocp.lie.groups import vee
 from mbocp.terms.bounded import Structure
 from mbocp.terms.frame_end import FrameShape
@@ -158,7 +158,7 @@ class ViaTerm(Structure):
         )
 
 
-def _turn_below(part: Part, goal: ca.SX, z: ca.SX) -> ca.SX:
+def _turn_below(part: JointSpace, goal: ca.SX, z: ca.SX) -> ca.SX:
     """What is positive where a part is turned by less than a right angle."""
     guards = part.group.guards(goal[part.at_z], z[part.at_z])
     if guards:

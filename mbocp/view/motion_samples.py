@@ -16,7 +16,7 @@ MAX_SAMPLES = 6000  # key frames of one replay: of a long motion there are fewer
 
 
 @dataclass(frozen=True)
-class Motion:
+class PlacementSamples:
     """Placements of all joints at evenly spaced times.
 
     Attributes
@@ -58,7 +58,9 @@ class Motion:
         return np.asarray(self.positions[:, joint] + self.rotations[:, joint] @ f.placement.translation)
 
 
-def sample_motion(model: pin.Model, t: ArrayLike, qs: ArrayLike, samples_per_second: float = 60.0) -> Motion:
+def sample_motion(
+    model: pin.Model, t: ArrayLike, qs: ArrayLike, samples_per_second: float = 60.0
+) -> PlacementSamples:
     """Resample a trajectory at evenly spaced times and run forward kinematics.
 
     Parameters
@@ -122,7 +124,7 @@ def _configuration(model: pin.Model, t: Array, qs: Array, time: float) -> Array:
     return np.asarray(pin.interpolate(model, qs[k], qs[k + 1], share), dtype=np.float64)
 
 
-def _place(model: pin.Model, times: Array, qs: Array) -> Motion:
+def _place(model: pin.Model, times: Array, qs: Array) -> PlacementSamples:
     data = working_data(model)
     frames, joints = len(times), model.njoints
     rotations = np.empty((frames, joints, 3, 3))
@@ -134,4 +136,4 @@ def _place(model: pin.Model, times: Array, qs: Array) -> Motion:
             placement = data.oMi[j]
             rotations[i, j], positions[i, j] = placement.rotation, placement.translation
             quaternions[i, j] = pin.SE3ToXYZQUAT(placement)[3:]
-    return Motion(model, times, qs, rotations, quaternions, positions)
+    return PlacementSamples(model, times, qs, rotations, quaternions, positions)

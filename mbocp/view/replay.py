@@ -19,7 +19,7 @@ from mbocp.view.marks import Marks
 from mbocp.view.meshcat.ghosts import COLOURS, Other
 from mbocp.view.meshcat.page import Below, render_page
 from mbocp.view.meshcat.scene import Scene, build_scene
-from mbocp.view.motion_samples import Motion, pose_at, sample_motion
+from mbocp.view.motion_samples import PlacementSamples, pose_at, sample_motion
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -210,7 +210,9 @@ def serve(scene: Scene, *, title: str, browser: bool) -> None:
             print("\nReplay closed.", flush=True)
 
 
-def _motion(robot: Robot, t: ArrayLike, qs: ArrayLike, speed: float, samples_per_second: float) -> Motion:
+def _motion(
+    robot: Robot, t: ArrayLike, qs: ArrayLike, speed: float, samples_per_second: float
+) -> PlacementSamples:
     for name, value in (("speed", speed), ("samples_per_second", samples_per_second)):
         if not (np.isfinite(value) and value > 0.0):
             raise ReplayError(f"replay: {name}: got {value}, expected a positive number")
@@ -220,7 +222,7 @@ def _motion(robot: Robot, t: ArrayLike, qs: ArrayLike, speed: float, samples_per
         raise ReplayError(f"replay of {robot.name!r}: {error}") from error
 
 
-def _ghosts(robot: Robot, t: ArrayLike, qs: ArrayLike, times: Sequence[float]) -> list[Motion]:
+def _ghosts(robot: Robot, t: ArrayLike, qs: ArrayLike, times: Sequence[float]) -> list[PlacementSamples]:
     """The robot's poses at the times, which are between the first and the last."""
     nodes = np.asarray(t, dtype=np.float64)
     for time in times:
@@ -252,7 +254,7 @@ def _direction(degrees: tuple[float, float] | None) -> tuple[float, float] | Non
     return float(np.deg2rad(azimuth)), float(np.deg2rad(elevation))
 
 
-def _subtitle(robot: Robot, motion: Motion, title: str, others: Sequence[Other]) -> str:
+def _subtitle(robot: Robot, motion: PlacementSamples, title: str, others: Sequence[Other]) -> str:
     shown = f"{motion.duration:.3g} s" if motion.duration > 0.0 else "one pose"
     words = [robot.name] if title and title != robot.name else []
     beside = [

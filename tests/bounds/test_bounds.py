@@ -14,7 +14,7 @@ import mbocp
 from mbocp.bounds.durations import BY_FORCES
 from mbocp.bounds.efforts import dual_value, least_squares
 from mbocp.bounds.of_problem import bound, quick_bound
-from mbocp.bounds.task import Task, windows_of
+from mbocp.bounds.task import BoundTask, windows_of
 from mbocp.cli.app import app
 from mbocp.cli.solution_summary import print_summary
 from mbocp.problem import Problem, load_problem
@@ -123,7 +123,7 @@ def test_forces_that_only_push_are_not_beaten(tmp_path):
 def test_any_multipliers_give_a_bound(double):
     """Far from the best ones, too: none is above the optimum, and the best are no worse."""
     solution = solved(reach(double, [0.4, 0.2], 0.2, limits={"velocity": 4.0}))
-    windows, alpha = windows_of(Task.of(solution.problem, solution.cost)), np.ones(2)
+    windows, alpha = windows_of(BoundTask.of(solution.problem, solution.cost)), np.ones(2)
     assert windows is not None
     best, rng = least_squares(windows, alpha), np.random.default_rng(0)
     for size in 10.0 ** np.arange(-3.0, 2.0):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mbocp.cli.progress_table import Progress
+from mbocp.cli.progress_table import ProgressCallback
 from mbocp.solution import IterationRecord, Solution, Status
 
 from .conftest import Run
@@ -31,11 +31,11 @@ def test_solve_save_and_warm_start(tmp_path: Path, run: Run) -> None:
 
 
 def test_ctrl_c_while_solving(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stop(progress: Progress, record: IterationRecord) -> None:
+    def stop(progress: ProgressCallback, record: IterationRecord) -> None:
         if record.iteration == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Progress, "__call__", stop)
+    monkeypatch.setattr(ProgressCallback, "__call__", stop)
     saved = tmp_path / "swing.h5"
     done = run("solve", FILE, *SMALL, "-o", str(saved))
     assert done.exit_code == 130

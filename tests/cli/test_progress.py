@@ -9,13 +9,13 @@ import time
 import pytest
 from rich.console import Console
 
-from mbocp.cli.progress_table import Progress
+from mbocp.cli.progress_table import ProgressCallback
 from mbocp.solution import IterationRecord
 
 
 def _drive(console: Console, count: int, *, quiet: bool = False) -> None:
     """One run without a name, as of a solver that has no phases."""
-    with Progress("arm", quiet=quiet, console=console) as progress:
+    with ProgressCallback("arm", quiet=quiet, console=console) as progress:
         progress.say("loading the robot")
         for k in range(count):
             progress(IterationRecord(k, residual=10.0**-k, cost=float(k)))
@@ -62,7 +62,7 @@ def test_quiet() -> None:
 
 def _drive_phases(console: Console) -> None:
     """A hybrid that begins with a gradient method, and a second run of the same name."""
-    with Progress("arm", console=console) as progress:
+    with ProgressCallback("arm", console=console) as progress:
         for phase, first, count in (("fbsm_bb", 0, 30), ("monolithic", 30, 3), ("monolithic", 33, 2)):
             for k in range(count + 1):
                 length = float("nan") if k == 0 else 1.0
@@ -102,7 +102,7 @@ def test_phases_are_apart_on_a_terminal() -> None:
     assert max(map(len, lines)) <= 80
 
 
-def _switch(progress: Progress, switches: int) -> None:
+def _switch(progress: ProgressCallback, switches: int) -> None:
     """Drive an interior-point method that goes into its restoration and back all the time, two rows each."""
     for n in range(switches):
         phase = "ipopt (restoration)" if n % 2 else "ipopt"
@@ -117,11 +117,11 @@ def _lines(text: str) -> list[str]:
 
 def test_pictures_do_not_grow_with_the_phases(monkeypatch: pytest.MonkeyPatch) -> None:
     out, pictures = io.StringIO(), []
-    draw = Progress._picture
-    monkeypatch.setattr(Progress, "_picture", lambda self: pictures.append(0) or draw(self))
+    draw = ProgressCallback._picture
+    monkeypatch.setattr(ProgressCallback, "_picture", lambda self: pictures.append(0) or draw(self))
     console = Console(file=out, width=80, height=40, force_terminal=True)
     clock = time.perf_counter()
-    with Progress("arm", console=console) as progress:
+    with ProgressCallback("arm", console=console) as progress:
         _switch(progress, 1000)
         assert len(console.render_lines(draw(progress))) <= console.height
     pace = 4.0 * (time.perf_counter() - clock)  # pictures a second, whatever comes in
@@ -132,7 +132,7 @@ def test_pictures_do_not_grow_with_the_phases(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("height", [10, 24, 60])
 def test_the_picture_fits_the_terminal_and_shows_the_phase_at_work(height: int) -> None:
     console = Console(file=io.StringIO(), width=80, height=height, force_terminal=True)
-    with Progress("arm", console=console) as progress:
+    with ProgressCallback("arm", console=console) as progress:
         _switch(progress, 50)
         for k in range(100, 130):
             progress(IterationRecord(k, residual=1.0, step_length=1.0, phase="ipopt"))
@@ -144,7 +144,7 @@ def test_the_picture_fits_the_terminal_and_shows_the_phase_at_work(height: int) 
 
 def test_many_phases_end_in_a_short_table() -> None:
     out = io.StringIO()
-    with Progress("arm", console=Console(file=out, width=80, force_terminal=True)) as progress:
+    with ProgressCallback("arm", console=Console(file=out, width=80, force_terminal=True)) as progress:
         _switch(progress, 300)
     text = out.getvalue()
     lines = _lines(text[text.rindex("iteration ") :])
@@ -155,7 +155,7 @@ def test_many_phases_end_in_a_short_table() -> None:
 
 def test_many_phases_thin_out_in_a_log() -> None:
     out = io.StringIO()
-    with Progress("arm", console=Console(file=out, width=80)) as progress:
+    with ProgressCallback("arm", console=Console(file=out, width=80)) as progress:
         _switch(progress, 300)
     lines = _lines(out.getvalue())
     assert len(lines) < 200
@@ -165,7 +165,7 @@ def test_many_phases_thin_out_in_a_log() -> None:
 
 def test_the_clock_of_the_table_begins_with_the_solver() -> None:
     out = io.StringIO()
-    with Progress("arm", console=Console(file=out, width=80)) as progress:
+    with ProgressCallback("arm", console=Console(file=out, width=80)) as progress:
         time.sleep(0.05)  # [s] imports, compiling
         progress(IterationRecord(0, residual=1.0))
     assert _lines(out.getvalue())[-1].endswith("0.00 s")

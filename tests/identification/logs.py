@@ -10,7 +10,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.identification import Identification, Log
 from mbocp.identification.consistent import _thick, body_of, log_cholesky
-from mbocp.identification.dynamics import InverseDynamics, Motion
+from mbocp.identification.dynamics import InverseDynamics, JointMotion
 from mbocp.identification.unknown_parameters import pseudo_inertia
 from mbocp.robot import JointResistance, Robot
 
@@ -29,7 +29,7 @@ def changed(robot: Robot, seed: int = 5, share: float = 0.2, speed: float = 0.1)
     return replace(robot, model=model, resistances=tuple(losses))
 
 
-def log_of(dynamics: InverseDynamics, motion: Motion, t: Array, seed: int, noise: float = 0.05) -> Log:
+def log_of(dynamics: InverseDynamics, motion: JointMotion, t: Array, seed: int, noise: float = 0.05) -> Log:
     """What is measured along a motion, with noise of 1e-4 rad in positions."""
     rng, still = np.random.default_rng(seed), np.zeros((len(t), dynamics.robot.nu))
     torques = dynamics.regressor(motion) @ dynamics.values - dynamics.applied_torques(motion, still)

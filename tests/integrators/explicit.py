@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 from mbocp._arrays import Array
 from mbocp.integrators.chain import Affine, Chain
+from mbocp.integrators.runge_kutta import CoordinateState as StepState
 from mbocp.integrators.runge_kutta import ExplicitStep, Gains
-from mbocp.integrators.runge_kutta import State as StepState
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot, Rod, SpringDamper, load_robot

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from mbocp._arrays import Array
 from mbocp.integrators import PAIRS
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.partitioned_runge_kutta import Node, PartitionedStep, Stage
+from mbocp.integrators.partitioned_runge_kutta import ChainNode, PartitionedStep, Stage
 from mbocp.mechanics import JointMechanics
 from mbocp.robot import Robot
 from tests.integrators.partitioned import two_form_of
@@ -124,9 +124,9 @@ def _functions(mechanics: JointMechanics, scheme: str) -> tuple[ca.Function, ca.
     own = root.split(2 * nv, y.numel(), 2 * nv)
     pieces = own[1].split(*[nv] * s, *[nc] * s)
 
-    def node(x: ca.SX, d: ca.SX, at: Affine) -> Node:
+    def node(x: ca.SX, d: ca.SX, at: Affine) -> ChainNode:
         function = ca.Function("node", [d, x], list(moved(x, d)))
-        return Node(*chain.apply(function, [at], [x]))
+        return ChainNode(*chain.apply(function, [at], [x]))
 
     stages = [Stage(*pair) for pair in zip(pieces[:s], pieces[s:], strict=True)]
     step = PartitionedStep(mechanics, scheme, compares_coordinates=False)

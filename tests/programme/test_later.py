@@ -14,7 +14,7 @@ import mbocp
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import transcribe
 from mbocp.problem import Problem
-from mbocp.programme.compilation import CompiledFunctions, Later
+from mbocp.programme.compilation import CompiledFunctions, LateFunctions
 from mbocp.programme.compiler import compiler
 from mbocp.programme.kernel import kernel_programme
 
@@ -89,7 +89,7 @@ def test_another_process_gets_what_is_compiled_here() -> None:
         times.append(1)
         return functions_of("g")
 
-    sent = pickle.dumps(functions_of("f").with_later(Later(["g"], load)))
+    sent = pickle.dumps(functions_of("f").with_later(LateFunctions(["g"], load)))
     received = pickle.loads(sent)
     assert float(received.function("g")(2.0)) == float(received.function("f")(2.0)) == 4.0
     assert len(times) == 1
@@ -103,7 +103,7 @@ def test_threads_wait_for_the_one_that_compiles() -> None:
         times.append(1)
         return functions_of("g")
 
-    later = functions_of("f").with_later(Later(["g"], load))
+    later = functions_of("f").with_later(LateFunctions(["g"], load))
     found: list[CompiledFunctions] = []
 
     def ask() -> None:
@@ -124,7 +124,7 @@ def test_what_stands_for_a_function_is_called_where_its_time_is_over() -> None:
     def load() -> CompiledFunctions:
         raise CompilationTimeout("the C compiler ran")
 
-    functions = functions_of("g").with_later(Later(["g"], load))
+    functions = functions_of("g").with_later(LateFunctions(["g"], load))
     assert functions.with_name("g") is functions
     assert float(functions.function("g")(1.0)) == 2.0
     assert float(pickle.loads(pickle.dumps(functions)).function("g")(1.0)) == 2.0

@@ -13,7 +13,7 @@ from mbocp.formulation import formulate
 from mbocp.programme import zero_multipliers
 from mbocp.programme.evaluation import call
 from mbocp.sensitivity.kkt import Optimum, Parts
-from mbocp.sensitivity.reading import OF_MOTION, Move, Reader
+from mbocp.sensitivity.reading import OF_MOTION, Move, OptimumReader
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 POINTS = ((1.0, 8.0 / 12.0), (-1.0, -8.0 / 12.0), (2.0, -1.0 / 12.0), (-2.0, 1.0 / 12.0))
@@ -51,7 +51,7 @@ def reader(request):
     us = rng.normal(size=(N, kind.nu))
     iterate = zero_multipliers(programme, xs, rng.normal(size=(N, kind.ny)), us)
     limits = np.zeros(programme.bounds.has_limit.shape)
-    return Reader(formulation, Optimum(programme, iterate, limits, limits > 0.0, limits))
+    return OptimumReader(formulation, Optimum(programme, iterate, limits, limits > 0.0, limits))
 
 
 def random_move(reader, rng):

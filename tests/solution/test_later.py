@@ -16,7 +16,7 @@ import mbocp
 from mbocp.solution import Solution
 from mbocp.solution import read_solution as reading
 from mbocp.solution._values import same
-from mbocp.solution.later import Later, complete, is_complete, retold
+from mbocp.solution.later import LateField, complete, is_complete, retold
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PENDULUM = EXAMPLES / "paper/rigid_pendulum.toml"
@@ -116,6 +116,6 @@ def test_another_word_needs_no_diagnostics(asked: Iterator[list[int]]) -> None:
 
 def test_a_name_that_is_no_field_is_missing() -> None:
     with pytest.raises(AttributeError):
-        Later("mus").__get__(None)
+        LateField("mus").__get__(None)
     with pytest.raises(AttributeError, match="nonsense"):
         mbocp.solve(PENDULUM).nonsense  # noqa: B018

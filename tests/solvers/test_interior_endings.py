@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import mbocp
 from mbocp.cli.app import app
-from mbocp.cli.progress_table import Progress
+from mbocp.cli.progress_table import ProgressCallback
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
 from mbocp.solvers.nlp.iteration_log import IterationLog
@@ -207,7 +207,7 @@ def test_ctrl_c_returns_the_last_iterate(method: str, count: int, capfd: pytest.
 @METHODS
 def test_ctrl_c_on_the_command_line(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stop = at_iteration(2, press)
-    monkeypatch.setattr(Progress, "__call__", lambda _, record: stop(record))
+    monkeypatch.setattr(ProgressCallback, "__call__", lambda _, record: stop(record))
     saved = tmp_path / "swing.h5"
     settings = [part for setting in SETTINGS for part in ("--set", setting)]
     done = CliRunner(env={"COLUMNS": "80", "TERM": "dumb"}).invoke(

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import mbocp
 from mbocp.cli.app import app
-from mbocp.cli.progress_table import Progress
+from mbocp.cli.progress_table import ProgressCallback
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Solution, Status
 from mbocp.solvers.staggered.fbsm_newton import FBSMNewton
@@ -130,7 +130,7 @@ def test_the_command_line_saves_it_and_exits_with_130(
     method: str, phase: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stop = stop_at(phase, 2)
-    monkeypatch.setattr(Progress, "__call__", lambda _, record: stop(record))
+    monkeypatch.setattr(ProgressCallback, "__call__", lambda _, record: stop(record))
     saved = tmp_path / "swing.h5"
     settings = [part for setting in SETTINGS for part in ("--set", setting)]
     done = CliRunner(env={"COLUMNS": "80", "TERM": "dumb"}).invoke(

@@ -16,7 +16,7 @@ from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.path import PathConstraint
 from mbocp.terms.bounded import MotionAtNodes
-from mbocp.terms.heights import Surface, height_at
+from mbocp.terms.heights import HeightGrid, height_at
 from tests.terms.contacts import on_feet, solo
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "legged" / "solo12_bump.toml"
@@ -26,8 +26,8 @@ X, Y = 0.3 + CELL * (np.arange(8) - 3.5), -0.2 + CELL * (2.0 - np.arange(5))
 
 
 @pytest.fixture(scope="module")
-def surface() -> Surface:
-    return Surface.through(HEIGHTS.tolist(), CELL, MIDDLE, "map")
+def surface() -> HeightGrid:
+    return HeightGrid.through(HEIGHTS.tolist(), CELL, MIDDLE, "map")
 
 
 def spline(x: float, y: float) -> float:
@@ -36,7 +36,7 @@ def spline(x: float, y: float) -> float:
     return float(MIDDLE[2] + CubicSpline(Y[::-1], along[::-1], bc_type="natural")(y))
 
 
-def test_it_is_the_natural_spline_through_all_heights(surface: Surface) -> None:
+def test_it_is_the_natural_spline_through_all_heights(surface: HeightGrid) -> None:
     points = np.random.default_rng(1).uniform([X[0], Y[-1]], [X[-1], Y[0]], (40, 2))
     heights, slopes = surface.at(points)
     step = 1e-5
@@ -50,7 +50,7 @@ def test_it_is_the_natural_spline_through_all_heights(surface: Surface) -> None:
     np.testing.assert_allclose(surface.keys["middle"], MIDDLE)
 
 
-def test_curvature_is_continuous_where_cells_meet(surface: Surface) -> None:
+def test_curvature_is_continuous_where_cells_meet(surface: HeightGrid) -> None:
     """And where a place is on the grid itself, as feet are at the start."""
     p = ca.SX.sym("p", 2)
     h = height_at(p, ca.SX(surface.coefficients), ca.SX(surface.grid), surface.size)
@@ -62,7 +62,7 @@ def test_curvature_is_continuous_where_cells_meet(surface: Surface) -> None:
         np.testing.assert_allclose(found[1], found[2], atol=1e-5)
 
 
-def test_beyond_its_edges_heights_go_on(surface: Surface) -> None:
+def test_beyond_its_edges_heights_go_on(surface: HeightGrid) -> None:
     heights, slopes = surface.at(np.array([[X[-1], Y[1]], [X[-1] + 3.0, Y[1]], [X[0] - 1.0, Y[0] + 1.0]]))
     assert heights[1] == pytest.approx(heights[0])
     assert heights[2] == pytest.approx(MIDDLE[2] + HEIGHTS[0, 0])
@@ -77,7 +77,7 @@ def test_a_tool_glides_over_a_map() -> None:
     there = robot.frame_placement("tool0", np.array(start)).translation
     glide = {"kind": "height", "frame": "tool0", "heights": heights, "cell": 0.1}
     glide["middle"] = [0.5, 0.0, 0.0]
-    ground = Surface.through(heights, 0.1, glide["middle"], "map")
+    ground = HeightGrid.through(heights, 0.1, glide["middle"], "map")
     away = float(there[2] - ground.at(there[None])[0][0])
     p = Problem.create(
         robot,

@@ -14,7 +14,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import TABLEAUX
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
+from mbocp.integrators.runge_kutta import CoordinateState, ExplicitStep, Gains
 from mbocp.mechanics import Mechanics, symbols_of
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot
@@ -140,12 +140,12 @@ def _explicit_derivatives(
     return StepDerivatives(ca.densify(c.value), cost, chain.jacobian(c), slope, hessian)
 
 
-def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca.SX) -> State:
+def _state(chain: Chain, mechanics: Mechanics, at: StateLayout, d: Affine, x: ca.SX) -> CoordinateState:
     """State moved along the tangent d."""
     if at.is_flat:
-        return State(d.take(at.z), d.take(at.s))
+        return CoordinateState(d.take(at.z), d.take(at.s))
     (z,) = chain.apply(_retraction(mechanics), [d.take(slice(at.nw))], [x[at.z]])
-    return State(z, d.take(at.ds) + x[at.s])
+    return CoordinateState(z, d.take(at.ds) + x[at.s])
 
 
 def _from_start(chain: Chain, at: StepSymbols, d: Affine, controls: Mapping[str, Affine]) -> Affine:

@@ -27,7 +27,7 @@ from mbocp.formulation.schemes.joint_states import (
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import PAIRS, Pair, State
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.partitioned_runge_kutta import Node, PartitionedRows, PartitionedStep, Stage
+from mbocp.integrators.partitioned_runge_kutta import ChainNode, PartitionedRows, PartitionedStep, Stage
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import JointMechanics, Mechanics, duals_of_momenta
 from mbocp.problem import Problem
@@ -124,11 +124,11 @@ class _Derivation:
         force = self._at.given["force"]
         return [Stage(rate, force * impulse) for rate, impulse in zip(pieces[:s], pieces[s:], strict=True)]
 
-    def _node(self, state: ca.SX) -> Node:
+    def _node(self, state: ca.SX) -> ChainNode:
         layout = self._at.space.layout
-        return Node(self._link(state[layout.z]), self._link(state[layout.s]))
+        return ChainNode(self._link(state[layout.z]), self._link(state[layout.s]))
 
-    def _cost(self, points: tuple[Node, ...]) -> Affine:
+    def _cost(self, points: tuple[ChainNode, ...]) -> Affine:
         """Quadrature of the running cost with the weights of the method."""
         at, pair, s = self._at, self._step.pair, self._at.space.layout.s
         layout = at.space.layout

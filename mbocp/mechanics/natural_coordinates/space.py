@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.lie.configuration import Part
+from mbocp.lie.configuration import JointSpace
 from mbocp.mechanics.natural_coordinates.bodies import SIZE
 from mbocp.mechanics.natural_coordinates.mechanics import NaturalMechanics
 from mbocp.mechanics.symmetries.fields import Symmetry
@@ -39,7 +39,7 @@ class NaturalSpace:
     """
 
     is_vector = True
-    parts: tuple[Part, ...] = ()
+    parts: tuple[JointSpace, ...] = ()
 
     def __init__(self, mechanics: NaturalMechanics, q_start: Array) -> None:
         self.mechanics, self.q_start = mechanics, q_start

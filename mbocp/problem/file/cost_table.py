@@ -24,7 +24,7 @@ from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.problem.weights import Cost, further_terms, typical_force, velocity_weight, weights_by_key
 from mbocp.robot import Robot
-from mbocp.terms.cost import Reader
+from mbocp.terms.cost import CostTableReader
 from mbocp.terms.kinds import COST_TERMS
 from mbocp.terms.written import AUTO, WeightsTable
 
@@ -39,7 +39,9 @@ _KEY = "cost.target_file"
 _MAX_BYTES = 256 * MEGABYTE  # of a CSV table
 
 
-def read_cost(cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost_reader: Reader) -> Cost:
+def read_cost(
+    cost_table: Any, goals: tuple[Goal, ...], is_cost_left: bool, cost_reader: CostTableReader
+) -> Cost:
     """The cost; that of a file without one weighs velocities as suits the motion."""
     table = cost_table.model_copy(update={"velocity": AUTO}) if is_cost_left else cost_table
     if goals and table.tracking and table.target is None and table.target_file is None:
@@ -73,7 +75,7 @@ def write_cost(cost: Cost) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CostReader:
-    """From the values of `[cost]` and of those of phases to arrays, see `mbocp.terms.cost.Reader`.
+    """From the values of `[cost]` and of those of phases to arrays, see `mbocp.terms.cost.CostTableReader`.
 
     Its fields have the names of the values that it is made of, see `mbocp.problem.pipeline.Step`.
     """

@@ -35,7 +35,7 @@ from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD, frame_jacobian
 from mbocp.terms.contact import ContactTerm
 from mbocp.terms.free_contact import FACETS
-from mbocp.terms.heights import Surface, surface_from
+from mbocp.terms.heights import HeightGrid, surface_from
 from mbocp.terms.kinds import Height
 from mbocp.terms.span import Share
 from mbocp.terms.written import Finite, NonNegative, Pair, Positive
@@ -397,7 +397,7 @@ class _Ground:
         return FrameGoalTable(**found)
 
 
-def _surface(table: GroundTable, folder: Path) -> Surface | None:
+def _surface(table: GroundTable, folder: Path) -> HeightGrid | None:
     """The map of a ground, its zero at z = 0; None where it is level.
 
     Raises
@@ -422,7 +422,7 @@ def _surface(table: GroundTable, folder: Path) -> Surface | None:
     return surface
 
 
-def _above(surface: Surface | None, place: pin.SE3) -> float:
+def _above(surface: HeightGrid | None, place: pin.SE3) -> float:
     """Height of a place above a map [m]."""
     z = float(place.translation[2])
     return z if surface is None else z - float(surface.at(place.translation[None])[0][0])

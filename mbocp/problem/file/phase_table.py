@@ -27,7 +27,7 @@ from mbocp.problem.timeline.times import duration_from, write_duration
 from mbocp.problem.weights import weights_by_key
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
-from mbocp.terms.cost import Reader, shortest
+from mbocp.terms.cost import CostTableReader, shortest
 from mbocp.terms.span import SPAN, AtVia, Share
 from mbocp.terms.written import Finite, Positive, Triple
 
@@ -163,7 +163,7 @@ def _hold(robot: Robot, table: HoldTable) -> PhaseHold:
 
 
 def weigh_phases(
-    phases_on_ground: Sequence[PhaseTable], phases_unweighted: Sequence[Phase], cost_reader: Reader
+    phases_on_ground: Sequence[PhaseTable], phases_unweighted: Sequence[Phase], cost_reader: CostTableReader
 ) -> tuple[Phase, ...]:
     """Return the phases with the weights that they have, by the key of their term."""
     found = []

@@ -21,14 +21,14 @@ _SCALAR = re.compile(rf"{_STRING}|[^,\[\]{{}}#\n]+", re.DOTALL)
 _PART = re.compile(r"[^.,\[\] ]+")  # of a key in a message: path.0.kind, goal.q[2]
 
 
-class Place(NamedTuple):
+class KeyPosition(NamedTuple):
     """Line and column of a key, from 1."""
 
     line: int
     column: int
 
 
-def place_of(text: str, key: str) -> Place | None:
+def place_of(text: str, key: str) -> KeyPosition | None:
     """Return where a TOML text has a key, or the innermost table around it that is there.
 
     Parameters
@@ -41,7 +41,7 @@ def place_of(text: str, key: str) -> Place | None:
 
     Returns
     -------
-    Place or None
+    KeyPosition or None
         None where even the first name of the key is not in the text.
     """
     known = _Scanner(text).places
@@ -57,7 +57,7 @@ def place_of(text: str, key: str) -> Place | None:
     if not path:
         return None
     offset = known[path]
-    return Place(text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset))
+    return KeyPosition(text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset))
 
 
 class _Scanner:

@@ -25,7 +25,7 @@ from mbocp.exceptions import ProblemError, Unreadable, suggest
 from mbocp.problem.file.messages import schema_error
 from mbocp.problem.limits import is_plain
 from mbocp.robot import Robot
-from mbocp.terms.kinds import AccelerationOverSpeed, Motor
+from mbocp.terms.kinds import AccelerationOverSpeed, MotorTorque
 from mbocp.terms.over_speed import OverSpeed, falling_lines
 from mbocp.terms.written import range_of, read_side
 
@@ -34,7 +34,7 @@ _OF_CONTROLS = ("effort", "effort_rate", "power")
 _OF_FORCES = ("effort", "effort_rate")
 _OF_ANGLES = ("position", "velocity", "acceleration", "jerk")
 _OVER_SPEEDS: Mapping[str, type[OverSpeed]] = {
-    "effort": Motor,
+    "effort": MotorTorque,
     "acceleration": AccelerationOverSpeed,
 }  # by key
 _LEAST_SHARE = 0.5  # of its joints that a robot has; the others may be locked

@@ -17,7 +17,7 @@ from mbocp.problem.limits import Bounds
 from mbocp.problem.timeline.hold import Hold
 from mbocp.problem.timeline.times import check_duration
 from mbocp.problem.weights import weights_by_key
-from mbocp.terms.span import Place
+from mbocp.terms.span import NodePlace
 
 Meeting = Literal["impact", "soft"]  # the key `meeting` of [[phase.hold]] and [[phase.release]]
 MEETINGS = ("impact", "soft")
@@ -119,9 +119,9 @@ class Phase:
         return self.duration / self.steps
 
     @property
-    def place(self) -> Place:
+    def place(self) -> NodePlace:
         """Node after the impact with which it begins, or else its first, and its last one."""
-        return Place(self.first + self.leaps, self.last, int(self.parts))
+        return NodePlace(self.first + self.leaps, self.last, int(self.parts))
 
 
 def check_phase(phase: Phase) -> Phase:

@@ -12,7 +12,7 @@ import numpy as np
 from mbocp.exceptions import ProblemError
 from mbocp.problem.timeline.hold import Hold, Release, Schedule
 from mbocp.problem.timeline.phase import Phase
-from mbocp.terms.span import Place
+from mbocp.terms.span import NodePlace
 
 _ROUND_OFF = 1e-9  # relative: durations that are the same
 
@@ -213,6 +213,6 @@ def are_alike(phases: Sequence[Phase]) -> bool:
     return not is_free and bool(np.ptp(lengths) <= _ROUND_OFF * lengths.mean()) if len(phases) else True
 
 
-def places_of(phases: Sequence[Phase]) -> dict[str, Place]:
+def places_of(phases: Sequence[Phase]) -> dict[str, NodePlace]:
     """Return where the phases with names are, by name."""
     return {phase.name: phase.place for phase in phases if phase.name}

@@ -22,7 +22,7 @@ from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import Horizon, are_alike, places_of
 from mbocp.problem.timeline.switches import ContactCondition, SwitchTable
 from mbocp.problem.timeline.via import ViaConstraint
-from mbocp.terms.span import Place
+from mbocp.terms.span import NodePlace
 
 Condition: TypeAlias = ViaConstraint | ContactCondition
 ANY_TIME = 0.0, math.inf
@@ -126,7 +126,7 @@ class Timeline:
         return tuple(phase for phase in self.phases if phase.name)
 
     @property
-    def places(self) -> dict[str, Place]:
+    def places(self) -> dict[str, NodePlace]:
         """Nodes of via points and phases by name.
 
         Raises
@@ -138,7 +138,7 @@ class Timeline:
         for point in self.waypoints:
             if point.name in phases:
                 raise ProblemError(f"via {point.name!r}: a phase has this name, too; give each its own")
-        return {**{point.name: Place(point.node, point.node) for point in self.waypoints}, **phases}
+        return {**{point.name: NodePlace(point.node, point.node) for point in self.waypoints}, **phases}
 
     @property
     def has_free_lengths(self) -> bool:

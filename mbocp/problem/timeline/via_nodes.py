@@ -16,7 +16,7 @@ from mbocp.problem.timeline.sequence import Horizon, are_alike, places_of
 from mbocp.problem.timeline.times import FreeTime, InPhase
 from mbocp.problem.timeline.via import ViaPoint
 from mbocp.robot import Robot
-from mbocp.terms.span import Place
+from mbocp.terms.span import NodePlace
 
 _ON_NODE = 1e-6  # of a step
 _LEAST_LEG = 0.25  # of the mean way between neighbours
@@ -67,7 +67,7 @@ class _Steps:
     Attributes
     ----------
     horizon : Horizon
-    phases : mapping of str to Place
+    phases : mapping of str to NodePlace
         Nodes of the phases with names.
     are_alike : bool
         Whether all steps of the phases are as long as each other, and given.
@@ -76,7 +76,7 @@ class _Steps:
     """
 
     horizon: Horizon
-    phases: Mapping[str, Place]
+    phases: Mapping[str, NodePlace]
     are_alike: bool
     has_free: bool
     has_times: bool

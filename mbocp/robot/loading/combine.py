@@ -13,19 +13,19 @@ from mbocp._arrays import Array
 from mbocp.exceptions import RobotError, UnknownFrame, UnsupportedRobot
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
-from mbocp.robot.loading.joint_numbers import Follower, Losses
-from mbocp.robot.loading.whole_table import Part, combine_tables, joint_positions, prefix, prefix_frame
+from mbocp.robot.loading.joint_numbers import Losses, MimicJoint
+from mbocp.robot.loading.whole_table import RobotPart, combine_tables, joint_positions, prefix, prefix_frame
 from mbocp.robot.payload import Payload
 from mbocp.robot.placed import SEPARATOR
 from mbocp.robot.rotors import unit_rotors
 
 
-def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[str] = ()) -> Description:
+def combine(parts: Sequence[RobotPart], name: str, file: Path, settled: Collection[str] = ()) -> Description:
     """Make one description of several, in their order; a part on another one's frame follows its joint.
 
     Parameters
     ----------
-    parts : sequence of Part
+    parts : sequence of RobotPart
     name : str
         What to call the whole.
     file : Path
@@ -69,14 +69,14 @@ def combine(parts: Sequence[Part], name: str, file: Path, settled: Collection[st
     )
 
 
-def _each(parts: Sequence[Part], key: str, renamed: Callable[[Any, str], Any]) -> tuple[Any, ...]:
+def _each(parts: Sequence[RobotPart], key: str, renamed: Callable[[Any, str], Any]) -> tuple[Any, ...]:
     """What each part has of something, in the names of the whole."""
     return tuple(
         renamed(entry, part.placed.name) for part in parts for entry in getattr(part.description, key)
     )
 
 
-def _follower(follower: Follower, part: str) -> Follower:
+def _follower(follower: MimicJoint, part: str) -> MimicJoint:
     return replace(follower, name=prefix(follower.name, part), leader=prefix(follower.leader, part))
 
 
@@ -84,14 +84,14 @@ def _payload(payload: Payload, part: str) -> Payload:
     return replace(payload, name=prefix(payload.name, part), frame=prefix_frame(payload.frame, part))
 
 
-def _losses(losses: Losses, part: Part) -> Losses:
+def _losses(losses: Losses, part: RobotPart) -> Losses:
     own = losses.joints or joints.joint_names(part.description.model)
     return replace(losses, joints=frozenset(map(part.name_of, own)))
 
 
-def _parents_first(parts: Sequence[Part]) -> list[Part]:
+def _parents_first(parts: Sequence[RobotPart]) -> list[RobotPart]:
     names = [part.placed.name for part in parts]
-    waiting, done = list(parts), list[Part]()
+    waiting, done = list(parts), list[RobotPart]()
     while waiting:
         there = {part.placed.name for part in done}
         ready = [part for part in waiting if _owner(part, names) in (None, *there)]
@@ -103,12 +103,12 @@ def _parents_first(parts: Sequence[Part]) -> list[Part]:
     return done
 
 
-def _owner(part: Part, names: Iterable[str]) -> str | None:
+def _owner(part: RobotPart, names: Iterable[str]) -> str | None:
     """Part that the parent frame belongs to."""
     return next((name for name in names if part.placed.parent.startswith(name + SEPARATOR)), None)
 
 
-def _parent(model: pin.Model, part: Part, parts: Sequence[Part]) -> int:
+def _parent(model: pin.Model, part: RobotPart, parts: Sequence[RobotPart]) -> int:
     where = f"part {part.placed.name!r}: parent"
     try:
         return kinematics.frame_id(model, part.placed.parent, "the world")
@@ -119,7 +119,7 @@ def _parent(model: pin.Model, part: Part, parts: Sequence[Part]) -> int:
 
 
 def _append(
-    model: pin.Model, visuals: pin.GeometryModel, part: Part, parent: int
+    model: pin.Model, visuals: pin.GeometryModel, part: RobotPart, parent: int
 ) -> tuple[pin.Model, pin.GeometryModel]:
     """The model with one more part; a joint of several children keeps its subtree together."""
     added, shown = pin.Model(part.description.model), pin.GeometryModel(part.description.visuals)
@@ -148,7 +148,7 @@ def _number(model: pin.Model, letter: str) -> dict[str, str]:
     return names
 
 
-def _copy_numbers(part: Part, model: pin.Model) -> None:
+def _copy_numbers(part: RobotPart, model: pin.Model) -> None:
     """Limits, losses and rotors of the joints; `pin.appendModel` forgets some of them."""
     own = part.description.model
     for joint in range(1, own.njoints):
@@ -156,7 +156,7 @@ def _copy_numbers(part: Part, model: pin.Model) -> None:
         joints.copy_numbers(own, joint, model, there)
 
 
-def _refuse_masses_on_rotors(model: pin.Model, parts: Sequence[Part]) -> None:
+def _refuse_masses_on_rotors(model: pin.Model, parts: Sequence[RobotPart]) -> None:
     rotors = unit_rotors(model)
     for part in parts:
         own = part.description.model
@@ -170,7 +170,7 @@ def _refuse_masses_on_rotors(model: pin.Model, parts: Sequence[Part]) -> None:
                 raise UnsupportedRobot(f"part {part.placed.name!r}: dynamics = false: joint {name!r} {words}")
 
 
-def _pose(model: pin.Model, parts: Sequence[Part]) -> Array:
+def _pose(model: pin.Model, parts: Sequence[RobotPart]) -> Array:
     q = pin.neutral(model)
     for part in parts:
         for joint, numbers in joint_positions(part):

@@ -31,7 +31,7 @@ from mbocp.robot.loading.robot_sources import Source, find_source
 from mbocp.robot.loading.robot_tables import InertiasTable, payloads_of
 from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable, read_robot_toml
 from mbocp.robot.loading.table_types import TableReader
-from mbocp.robot.loading.whole_table import Part, with_own_tables
+from mbocp.robot.loading.whole_table import RobotPart, with_own_tables
 from mbocp.robot.placed import SEPARATOR, PlacedRobot
 from mbocp.robot.resistance import FRICTION_SPEED
 
@@ -181,12 +181,12 @@ def _with_numbers(tables: Sequence[PartTable], given: InertiasTable | None) -> S
     ]
 
 
-def describe_parts(parts: Sequence[Part], own: RobotTable, name: str, file: Path) -> Description:
+def describe_parts(parts: Sequence[RobotPart], own: RobotTable, name: str, file: Path) -> Description:
     """Put parts together, with the tables that stand beside them.
 
     Parameters
     ----------
-    parts : sequence of Part
+    parts : sequence of RobotPart
     own : RobotTable
         Tables in the names of the whole: what joins the parts, initial pose, motors.
     name : str
@@ -208,7 +208,7 @@ def read_parts(
     base: Path | None,
     folders: Sequence[Path] = (),
     within: tuple[Path, ...] = (),
-) -> list[Part]:
+) -> list[RobotPart]:
     """Read what tables of parts name or describe.
 
     Parameters
@@ -231,7 +231,9 @@ def read_parts(
     return [_part(table, base, folders, within) for table in tables]
 
 
-def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: tuple[Path, ...]) -> Part:
+def _part(
+    table: PartTable, base: Path | None, folders: Sequence[Path], within: tuple[Path, ...]
+) -> RobotPart:
     try:
         if table.robot is None:
             found = describe_object(table.name, table.shape, free_flyer=table.free_flyer is not False)
@@ -246,7 +248,9 @@ def _part(table: PartTable, base: Path | None, folders: Sequence[Path], within: 
         error.args = (f"part {table.name!r}: {error}",)
         raise
     names_payloads = found.carried or table.payload is not None
-    return Part(described, placed, table.placement, {**spec, **({"payload": []} if names_payloads else {})})
+    return RobotPart(
+        described, placed, table.placement, {**spec, **({"payload": []} if names_payloads else {})}
+    )
 
 
 def inertias_of(found: Description) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch
 from mbocp.robot import joints
 from mbocp.robot.collision.geometry import ShapeSource
-from mbocp.robot.loading.joint_numbers import Follower, Losses
+from mbocp.robot.loading.joint_numbers import Losses, MimicJoint
 from mbocp.robot.loading.locking import pose_by_joint
 from mbocp.robot.loading.robot_tables import InertiasTable
 from mbocp.robot.loading.robot_toml import RobotTable
@@ -75,7 +75,7 @@ class Description:
         Tables of a robot.toml, or their defaults: motors, loops, springs, locked joints, initial pose.
     source : Path, optional
         File that the model was read from; None if it was made in memory.
-    followers : tuple of Follower
+    followers : tuple of MimicJoint
         Mimic joints of the model.
     shapes : tuple of ShapeSource
         What links collide with.
@@ -97,7 +97,7 @@ class Description:
     q0: Array
     table: RobotTable = _NO_TABLES
     source: Path | None = None
-    followers: tuple[Follower, ...] = ()
+    followers: tuple[MimicJoint, ...] = ()
     shapes: tuple[ShapeSource, ...] = ()
     parts: tuple[PlacedRobot, ...] = ()
     losses: tuple[Losses, ...] = ()

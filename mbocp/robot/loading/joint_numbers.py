@@ -23,7 +23,7 @@ FrictionModel: TypeAlias = Literal["none", "smooth"]
 _MAX_NAMES = 6  # in a message
 
 
-def limits_of(model: pin.Model, followers: Sequence[Follower], robot: str, efforts: Array) -> Limits:
+def limits_of(model: pin.Model, followers: Sequence[MimicJoint], robot: str, efforts: Array) -> Limits:
     """Bounds of the file; zero or contradictory ones mean none, swapped ones are put in order.
 
     Limits of a follower are limits of its leader, where they leave that one a range. `efforts` are pairs of
@@ -45,7 +45,7 @@ def limits_of(model: pin.Model, followers: Sequence[Follower], robot: str, effor
 
 
 def _limit_leader(
-    model: pin.Model, follower: Follower, robot: str, bounds: tuple[Array, Array, Array]
+    model: pin.Model, follower: MimicJoint, robot: str, bounds: tuple[Array, Array, Array]
 ) -> None:
     """Narrow the leader's bounds, of velocity and position, in place."""
     velocity, lower, upper = bounds
@@ -77,7 +77,7 @@ def range_of(lower: float, upper: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Follower:
+class MimicJoint:
     """A mimic joint: its displacement is ``multiplier * leader's + offset``.
 
     Attributes
@@ -145,7 +145,7 @@ class Losses:
 
 
 def joint_resistances(
-    model: pin.Model, followers: Sequence[Follower], losses: Losses, robot: str
+    model: pin.Model, followers: Sequence[MimicJoint], losses: Losses, robot: str
 ) -> tuple[JointResistance, ...]:
     """Losses of a model's joints that are not zero, in the order of the model, then those of followers.
 
@@ -153,7 +153,7 @@ def joint_resistances(
     ----------
     model : pin.Model
         After locking: a locked joint loses nothing. Its `damping` and dry friction limits are the file's.
-    followers : sequence of Follower
+    followers : sequence of MimicJoint
         Mimic joints of the model.
     losses : Losses
     robot : str
@@ -199,7 +199,7 @@ def _of_joints(model: pin.Model) -> Iterable[JointResistance]:
                 yield JointResistance(model.names[joint], dof, 1.0, damping, friction)
 
 
-def _of_followers(model: pin.Model, followers: Sequence[Follower]) -> Iterable[JointResistance]:
+def _of_followers(model: pin.Model, followers: Sequence[MimicJoint]) -> Iterable[JointResistance]:
     names = list(model.names)
     for follower in followers:
         if follower.multiplier and (follower.damping or follower.friction):

@@ -14,9 +14,9 @@ from mbocp._quantities import finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.loading.table_types import (
+    FrozenTable,
     Orientation,
     Position,
-    Table,
     first_complaint,
     read_table,
     vector_of,
@@ -201,7 +201,7 @@ def motor_of(joint: str) -> str:
     return joint + _SUFFIX
 
 
-class LinkTable(Table):
+class LinkTable(FrozenTable):
     """Mass of a link, and its centre of mass and inertia; those of its shapes where they are missing."""
 
     mass: Annotated[Positive, KeyUnits("kg")]

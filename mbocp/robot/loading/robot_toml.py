@@ -29,6 +29,7 @@ from mbocp.robot.loading.table_types import (
     Component,
     Direction,
     FramePair,
+    FrozenTable,
     Length,
     Metres,
     Number,
@@ -37,7 +38,6 @@ from mbocp.robot.loading.table_types import (
     Place,
     PositiveNumber,
     Printable,
-    Table,
     Vector3,
     first_complaint,
     refusal,
@@ -53,7 +53,7 @@ else:
     ConstraintTable = Annotated[_KINDS, Field(discriminator="type")]
 
 
-class ActuationTable(Table):
+class ActuationTable(FrozenTable):
     """[actuation]: the joints that have motors, in the order of the controls."""
 
     joints: list[str] | None = None
@@ -68,7 +68,7 @@ def _rising(effort: Efforts) -> Efforts:
     return effort
 
 
-class JointActuator(Table):
+class JointActuator(FrozenTable):
     """A motor on a joint: one control for each velocity component of the joint."""
 
     type: Literal["joint"]
@@ -76,7 +76,7 @@ class JointActuator(Table):
     effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_rising)] | None = None
 
 
-class Wrench(Table):
+class Wrench(FrozenTable):
     """Forces and moments on a frame, in its own axes: one control a component."""
 
     type: Literal["wrench"]
@@ -94,7 +94,7 @@ class Wrench(Table):
         return self
 
 
-class Thruster(Table):
+class Thruster(FrozenTable):
     """A thrust along an axis of a frame, with a reaction torque about it."""
 
     type: Literal["thruster"]
@@ -106,7 +106,7 @@ class Thruster(Table):
     effort: Annotated[Efforts, KeyUnits("N"), AfterValidator(_rising)] | None = None
 
 
-class Tendon(Table):
+class Tendon(FrozenTable):
     """A motor that pulls at several joints: each feels the control times its ratio."""
 
     type: Literal["tendon"]
@@ -124,7 +124,7 @@ class Tendon(Table):
         return self
 
 
-class DriveTable(Table):
+class DriveTable(FrozenTable):
     """A control that prescribes a joint's motion, or a frame's along a direction."""
 
     name: str | None = None
@@ -172,13 +172,13 @@ class SpringDamperTable(PairTable):
     length: Annotated[Length, KeyUnits("m")] | None = None
 
 
-class InitialTable(Table):
+class InitialTable(FrozenTable):
     """[initial]: the initial pose, as the whole configuration or by joint."""
 
     q: Annotated[list[Number] | dict[str, Numbers], KeyUnits("m, rad")]
 
 
-class VisualTable(Table):
+class VisualTable(FrozenTable):
     """Something to draw between two frames."""
 
     type: Literal["rod", "spring", "line", "none"]
@@ -189,7 +189,7 @@ class VisualTable(Table):
     )
 
 
-class CollisionSphereTable(Table):
+class CollisionSphereTable(FrozenTable):
     """A sphere that stands for a part of a link where it may collide."""
 
     frame: str
@@ -216,7 +216,7 @@ def _name(rows: Any, kind: str) -> Any:
 _NAMED = ("constraint", "spring", "spring_damper")
 
 
-class RobotTable(Table):
+class RobotTable(FrozenTable):
     """The whole file."""
 
     name: Printable | None = None

@@ -68,13 +68,13 @@ def _has_direction(vector: tuple[float, float, float]) -> tuple[float, float, fl
 Direction: TypeAlias = Annotated[Vector3, AfterValidator(_has_direction)]
 
 
-class Table(BaseModel):
+class FrozenTable(BaseModel):
     """A table that takes no other keys than its own, and does not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
-class PairTable(Table):
+class PairTable(FrozenTable):
     """What acts between two frames."""
 
     name: str | None = None

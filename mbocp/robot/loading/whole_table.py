@@ -28,7 +28,7 @@ Table = TypeVar("Table", bound=BaseModel)
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RobotPart:
     """One of several robots: its description with all options said in its tables, and where it stands.
 
     Parameters
@@ -77,7 +77,7 @@ def prefix_frame(name: str, part: str) -> str:
 _NAMES = {"frame": prefix_frame, "joint": prefix}
 
 
-def joint_positions(part: Part, among: Collection[str] | None = None) -> Iterator[tuple[str, Array]]:
+def joint_positions(part: RobotPart, among: Collection[str] | None = None) -> Iterator[tuple[str, Array]]:
     """Joints of a part that have positions, and these in its pose."""
     model, q = part.description.model, part.description.pose
     for joint in joints.joint_names(model) if among is None else among:
@@ -86,12 +86,12 @@ def joint_positions(part: Part, among: Collection[str] | None = None) -> Iterato
             yield joint, q[where]
 
 
-def combine_tables(parts: Sequence[Part], settled: Collection[str]) -> RobotTable:
+def combine_tables(parts: Sequence[RobotPart], settled: Collection[str]) -> RobotTable:
     """Make one table of those of all parts, in the names of the whole.
 
     Parameters
     ----------
-    parts : sequence of Part
+    parts : sequence of RobotPart
     settled : collection of str
         Which of gravity and rotations is said beside the parts, so that their files need not agree.
     """
@@ -104,7 +104,7 @@ def combine_tables(parts: Sequence[Part], settled: Collection[str]) -> RobotTabl
     return RobotTable.model_construct().model_copy(update=changes)
 
 
-def _names_in_tables(parts: Sequence[Part]) -> dict[str, Any]:
+def _names_in_tables(parts: Sequence[RobotPart]) -> dict[str, Any]:
     """What tables say by names: locked joints, motors, frames to trace, initial positions."""
     lock, initial = dict[str, Any](), dict[str, Any]()
     motors, trace = list[str](), list[str]()
@@ -119,7 +119,7 @@ def _names_in_tables(parts: Sequence[Part]) -> dict[str, Any]:
     return {"lock": lock, "initial": pose, "actuation": ActuationTable(joints=motors), "trace": trace}
 
 
-def _common_value(parts: Sequence[Part], key: str, default: Any) -> Any:
+def _common_value(parts: Sequence[RobotPart], key: str, default: Any) -> Any:
     """Value of a key that holds for all parts."""
     asked = [part for part in parts if not part.placed.is_object] or parts
     values = {part.placed.name: getattr(part.description.table, key) or default for part in asked}
@@ -129,7 +129,7 @@ def _common_value(parts: Sequence[Part], key: str, default: Any) -> Any:
     return next(iter(values.values()))
 
 
-def _rows(part: Part, key: str) -> list[BaseModel]:
+def _rows(part: RobotPart, key: str) -> list[BaseModel]:
     """Tables of one list, in the names of the whole; motors that options took away are left out."""
     table, name = part.description.table, part.placed.name
     return [

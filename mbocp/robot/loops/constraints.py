@@ -8,10 +8,19 @@ from __future__ import annotations
 from mbocp.robot.loops.kinds.constraint import Constraint, FrameConstraint
 from mbocp.robot.loops.kinds.coupling import Coupling
 from mbocp.robot.loops.kinds.hinges import Hinge, Screw, Weld
-from mbocp.robot.loops.kinds.kept_points import Point, PointOnLine, PointOnPlane
+from mbocp.robot.loops.kinds.kept_points import PointConstraint, PointOnLine, PointOnPlane
 from mbocp.robot.loops.kinds.rod import Rod
 
-_KINDS: tuple[type[Constraint], ...] = (Rod, Point, Hinge, Weld, PointOnPlane, PointOnLine, Coupling, Screw)
+_KINDS: tuple[type[Constraint], ...] = (
+    Rod,
+    PointConstraint,
+    Hinge,
+    Weld,
+    PointOnPlane,
+    PointOnLine,
+    Coupling,
+    Screw,
+)
 
 CONSTRAINTS: dict[str, type[Constraint]] = {kind.kind: kind for kind in _KINDS}
 HOLDS: dict[str, type[FrameConstraint]] = {

@@ -18,7 +18,7 @@ from mbocp.view.meshcat.commands import Command
 from mbocp.view.meshcat.scene import WORLD, build_scene, joint_node, motion_commands
 from mbocp.view.meshcat.shapes import nice_length
 from mbocp.view.meshcat.surroundings import BACKGROUND, FLOOR, LINE
-from mbocp.view.motion_samples import Motion
+from mbocp.view.motion_samples import PlacementSamples
 
 ACCENT = (47, 111, 171)  # of sliders and buttons, as in meshcat/page.html
 _MOVES = ("position", "quaternion", "scale")
@@ -56,7 +56,7 @@ class LiveScene:
     ----------
     server : viser.ViserServer
     robot : Robot
-    motion : Motion
+    motion : PlacementSamples
         The first motion.
     goals : sequence of FrameTarget
         Poses of frames whose axes are drawn.
@@ -75,7 +75,7 @@ class LiveScene:
         self,
         server: Any,
         robot: Robot,
-        motion: Motion,
+        motion: PlacementSamples,
         *,
         goals: Sequence[FrameTarget] = (),
         marks: Marks | None = None,
@@ -96,7 +96,7 @@ class LiveScene:
         w, x, y, z = self._nodes[WORLD].wxyz
         return np.array(pin.Quaternion(w, x, y, z).matrix())
 
-    def show(self, motion: Motion) -> None:
+    def show(self, motion: PlacementSamples) -> None:
         """Show another motion, at its start."""
         commands, self._tracks = motion_commands(self._robot, motion, self._frames, self.size)
         self.motion = motion

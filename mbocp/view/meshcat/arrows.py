@@ -17,7 +17,7 @@ from mbocp.robot import Connector
 from mbocp.view.marks import ForceMark
 from mbocp.view.meshcat.commands import Command, Track, animate, colour_number, mg, shape_object
 from mbocp.view.meshcat.shapes import coil, cone, nice_length, tube
-from mbocp.view.motion_samples import Motion
+from mbocp.view.motion_samples import PlacementSamples
 
 _LONGEST = 0.25  # of the scene's size
 _SHAFT, _HEAD, _HEAD_LENGTH = 0.0035, 0.009, 0.03  # of the scene's size: radii, and length
@@ -47,13 +47,13 @@ class ForceArrows:
     words: str
 
 
-def force_arrows(marks: Sequence[ForceMark], motion: Motion, root: str, size: float) -> ForceArrows:
+def force_arrows(marks: Sequence[ForceMark], motion: PlacementSamples, root: str, size: float) -> ForceArrows:
     """Draw and animate forces.
 
     Parameters
     ----------
     marks : sequence of ForceMark
-    motion : Motion
+    motion : PlacementSamples
     root : str
         Node of all arrows.
     size : float
@@ -96,7 +96,7 @@ def _draw(shape: mg.Geometry) -> dict[str, Any]:
     return drawn
 
 
-def _forces(mark: ForceMark, motion: Motion) -> Array:
+def _forces(mark: ForceMark, motion: PlacementSamples) -> Array:
     """Forces at the poses of a motion, in the world, shape (F, 3) [N]."""
     step = np.clip(np.searchsorted(mark.t, motion.times, side="right") - 1, 0, len(mark.forces) - 1)
     forces = mark.forces[step]
@@ -109,7 +109,7 @@ def _forces(mark: ForceMark, motion: Motion) -> Array:
 
 
 def connector_commands(
-    connectors: Sequence[Connector], motion: Motion, root: str, size: float
+    connectors: Sequence[Connector], motion: PlacementSamples, root: str, size: float
 ) -> tuple[list[Command], list[Track]]:
     """Draw and animate rods, springs and lines.
 

@@ -28,7 +28,7 @@ from mbocp.view.meshcat.commands import (
 )
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.visuals import MeshLibrary
-from mbocp.view.motion_samples import Motion
+from mbocp.view.motion_samples import PlacementSamples
 
 _OPACITY = 0.35
 _OTHER_OPACITY = 0.55
@@ -48,33 +48,33 @@ class Other:
     Attributes
     ----------
     robot : Robot
-    motion : Motion
+    motion : PlacementSamples
     name : str
         What it is called on the page.
     """
 
     robot: Robot
-    motion: Motion
+    motion: PlacementSamples
     name: str
 
 
-def ghost_points(robot: Robot, poses: Sequence[Motion]) -> list[Array]:
+def ghost_points(robot: Robot, poses: Sequence[PlacementSamples]) -> list[Array]:
     """Places of the joints in each pose, shape (1, 3) each [m], for the camera."""
     return [pose.positions[0, joint][None, :] for pose in poses for joint in range(1, robot.model.njoints)]
 
 
-def path_points(motion: Motion) -> Array:
+def path_points(motion: PlacementSamples) -> Array:
     """Places of all joints along a motion, shape (K, 3) [m], for the camera."""
     return np.asarray(motion.positions[:, 1:].reshape(-1, 3))
 
 
-def ghost_commands(robot: Robot, poses: Sequence[Motion], root: str) -> Iterator[Command]:
+def ghost_commands(robot: Robot, poses: Sequence[PlacementSamples], root: str) -> Iterator[Command]:
     """Draw the robot, faint, in each of the poses.
 
     Parameters
     ----------
     robot : Robot
-    poses : sequence of Motion
+    poses : sequence of PlacementSamples
         Each of one pose.
     root : str
         Node under which they are drawn.
@@ -102,7 +102,7 @@ def other_tracks(others: Sequence[Other], root: str) -> Iterator[Track]:
         yield from joint_tracks(other.motion, partial(_node, f"{root}/other_{k}"))
 
 
-def joint_tracks(motion: Motion, node: Callable[[int], str]) -> Iterator[Track]:
+def joint_tracks(motion: PlacementSamples, node: Callable[[int], str]) -> Iterator[Track]:
     """The motion of each joint, at its node."""
     for joint in range(1, motion.model.njoints):
         if motion.moves(joint):
@@ -111,7 +111,12 @@ def joint_tracks(motion: Motion, node: Callable[[int], str]) -> Iterator[Track]:
 
 
 def robot_commands(
-    robot: Robot, library: MeshLibrary, motion: Motion, node: Callable[[int], str], *, is_copy: bool = False
+    robot: Robot,
+    library: MeshLibrary,
+    motion: PlacementSamples,
+    node: Callable[[int], str],
+    *,
+    is_copy: bool = False,
 ) -> tuple[list[Command], dict[int, list[Array]]]:
     """Commands that draw a robot at its first pose, and the corners that each joint carries along.
 
@@ -120,7 +125,7 @@ def robot_commands(
     robot : Robot
     library : MeshLibrary
         Its meshes.
-    motion : Motion
+    motion : PlacementSamples
     node : callable
         Path of a joint's node by the index of the joint.
     is_copy : bool
@@ -154,7 +159,7 @@ def robot_commands(
 
 
 def _copy(
-    robot: Robot, library: MeshLibrary, motion: Motion, root: str, paint: dict[str, Any]
+    robot: Robot, library: MeshLibrary, motion: PlacementSamples, root: str, paint: dict[str, Any]
 ) -> Iterator[Command]:
     """Draw a robot at the first pose of a motion, in materials that are painted over."""
     commands, _ = robot_commands(robot, library, motion, partial(_node, root), is_copy=True)

@@ -26,7 +26,7 @@ from mbocp.view.meshcat.commands import (
 )
 from mbocp.view.meshcat.shapes import tube
 from mbocp.view.meshcat.visuals import MergedGeometry
-from mbocp.view.motion_samples import Motion
+from mbocp.view.motion_samples import PlacementSamples
 
 if TYPE_CHECKING:
     from mbocp.robot import FrameTarget, Robot
@@ -85,7 +85,7 @@ def axis_points(placements: Sequence[pin.SE3], size: float) -> Array:
     return np.concatenate([np.zeros((0, 3)), *ends])
 
 
-def mark_points(robot: Robot, marks: Marks, motion: Motion) -> list[Array]:
+def mark_points(robot: Robot, marks: Marks, motion: PlacementSamples) -> list[Array]:
     """Points that the picture is to hold, as paths of the length of the motion."""
     points: list[Array] = []
     for mark, placed in zip(marks.via, _via_placements(robot, marks, motion), strict=True):
@@ -98,7 +98,9 @@ def mark_points(robot: Robot, marks: Marks, motion: Motion) -> list[Array]:
     return [np.tile(point, (len(motion.times), 1)) for point in points]
 
 
-def mark_commands(robot: Robot, marks: Marks, motion: Motion, root: str, size: float) -> Iterator[Command]:
+def mark_commands(
+    robot: Robot, marks: Marks, motion: PlacementSamples, root: str, size: float
+) -> Iterator[Command]:
     """Draw a ball or its box at each via point, its axes where it has an orientation, and all lines.
 
     Parameters
@@ -129,7 +131,7 @@ def mark_commands(robot: Robot, marks: Marks, motion: Motion, root: str, size: f
         yield set_object(f"{root}/lines/{index}", _tube(line, 0.4 * _RADIUS * size, _LINE))
 
 
-def _via_placements(robot: Robot, marks: Marks, motion: Motion) -> list[pin.SE3]:
+def _via_placements(robot: Robot, marks: Marks, motion: PlacementSamples) -> list[pin.SE3]:
     return [goal_placements(robot, [mark.goal.target], _at(motion, mark.share))[0] for mark in marks.via]
 
 
@@ -137,7 +139,7 @@ def _reference(robot: Robot, goal: FrameGoal, q: Array) -> pin.SE3:
     return robot.frame_placement(goal.target.relative_to, q)
 
 
-def _at(motion: Motion, share: float) -> Array:
+def _at(motion: PlacementSamples, share: float) -> Array:
     """Configuration when a part of the motion is over."""
     return motion.qs[int(np.argmin(np.abs(motion.times - share * motion.duration)))]
 

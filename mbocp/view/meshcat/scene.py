@@ -45,7 +45,7 @@ from mbocp.view.meshcat.goals import (
 from mbocp.view.meshcat.shapes import path_tube
 from mbocp.view.meshcat.surroundings import floor_height, stage_commands
 from mbocp.view.meshcat.visuals import MeshLibrary
-from mbocp.view.motion_samples import Motion
+from mbocp.view.motion_samples import PlacementSamples
 
 ROOT = "/replay"
 WORLD = f"{ROOT}/world"  # turned so that gravity points down
@@ -94,14 +94,14 @@ class Scene:
 
 def build_scene(
     robot: Robot,
-    motion: Motion,
+    motion: PlacementSamples,
     *,
     trace: Sequence[str] | None = None,
     goals: Sequence[FrameTarget] = (),
     other_goals: Sequence[FrameTarget] = (),
     marks: Marks | None = None,
     spheres: Sequence[LinkSpheres] = (),
-    ghosts: Sequence[Motion] = (),
+    ghosts: Sequence[PlacementSamples] = (),
     others: Sequence[Other] = (),
     speed: float = 1.0,
     direction: tuple[float, float] | None = None,
@@ -111,7 +111,7 @@ def build_scene(
     Parameters
     ----------
     robot : Robot
-    motion : Motion
+    motion : PlacementSamples
     trace : sequence of str, optional
         Frames whose path is drawn; by default the robot's own choice.
     goals : sequence of FrameTarget
@@ -122,7 +122,7 @@ def build_scene(
         Via points, lines, obstacles and forces.
     spheres : sequence of LinkSpheres
         Spheres that are drawn over the robot.
-    ghosts : sequence of Motion
+    ghosts : sequence of PlacementSamples
         Poses in which the robot is drawn once more, faint.
     others : sequence of Other
         Motions of other results, shown at the same time.
@@ -182,7 +182,7 @@ def build_scene(
 
 
 def motion_commands(
-    robot: Robot, motion: Motion, frames: Sequence[int], size: float
+    robot: Robot, motion: PlacementSamples, frames: Sequence[int], size: float
 ) -> tuple[list[Command], list[Track]]:
     """What is drawn anew with another motion: rods and springs, and the paths of frames.
 
@@ -198,17 +198,17 @@ def motion_commands(
     return [*commands, *_trace_commands(robot, frames, paths, size)], tracks
 
 
-def joint_node(motion: Motion, joint: int) -> str:
+def joint_node(motion: PlacementSamples, joint: int) -> str:
     """Path of a joint's node; a slash in a name would start another node."""
     return f"{WORLD}/robot/{motion.model.names[joint].replace('/', '|')}"
 
 
-def _poses(motion: Motion) -> NDArray[np.int64]:
+def _poses(motion: PlacementSamples) -> NDArray[np.int64]:
     """Numbers of some poses, evenly spread, the first and the last among them."""
     return np.unique(np.linspace(0, len(motion.times) - 1, SWEEP_POSES).astype(np.int64))
 
 
-def _sweep(motion: Motion, corners: dict[int, list[Array]], lines: Sequence[Array]) -> Array:
+def _sweep(motion: PlacementSamples, corners: dict[int, list[Array]], lines: Sequence[Array]) -> Array:
     """Points (M, 3) whose hull contains all moving bodies and those near them."""
     picked = _poses(motion)
     clouds = [*lines] if corners else [*lines, motion.positions[picked, 1:].reshape(-1, 3)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from mbocp.integrators.chain import Chain
-from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
+from mbocp.integrators.runge_kutta import CoordinateState, ExplicitStep, Gains
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Robot, load_robot
 from mbocp_papers.layout import Column, PaperTable, Section
@@ -60,7 +60,7 @@ def step_function(robot: Robot, formulation: Formulation, scheme: str = "rk4") -
     chain = Chain(x)
     root = chain.root()
     z, s, u = root.split(nz, ns, nu)
-    before = State(z, s)
+    before = CoordinateState(z, s)
     step = ExplicitStep(mechanics, scheme, formulation.lie, 1)
     after = step(chain, before, u, h, Gains(gains[0], gains[1], gains[2]))
     return ca.Function("step", [x, h, gains], [after.z.value, after.s.value])

@@ -24,7 +24,7 @@ from mbocp._arrays import Array
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.signature import sources_digest
 from mbocp.integrators.chain import Affine, Chain
-from mbocp.integrators.runge_kutta import ExplicitStep, Gains, State
+from mbocp.integrators.runge_kutta import CoordinateState, ExplicitStep, Gains
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.problem import Problem
 from mbocp.programme import StagewiseProgramme
@@ -119,7 +119,7 @@ def _build(robot: Robot, method: Method) -> dict[str, ca.Function]:
     chain = Chain(x)
     root = chain.root()
     z, s, u = root.split(nz, ns, nu)
-    before = State(z, s)
+    before = CoordinateState(z, s)
     one = ExplicitStep(mechanics, method.scheme, method.lie, 1)
     after = Affine.join(one(chain, before, u, h, Gains(gains[0], gains[1], gains[2])))
     value, jacobian, hessian = after.value, chain.jacobian(after), chain.hessian(after, m)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mbocp._files import parse_toml
-from mbocp.problem.file.places import Place, place_of
+from mbocp.problem.file.places import KeyPosition, place_of
 
 ROOT = Path(__file__).parents[3]
 FILES = sorted([*ROOT.glob("examples/**/*.toml"), *ROOT.glob("robots/**/*.toml"), ROOT / "pyproject.toml"])
@@ -61,12 +61,12 @@ def inner(value: Any, key: str) -> Iterator[str]:
     ],
 )
 def test_keys_are_found(key: str, line: int, column: int) -> None:
-    assert place_of(TEXT, key) == Place(line, column)
+    assert place_of(TEXT, key) == KeyPosition(line, column)
 
 
 def test_a_table_that_lacks_a_key_has_a_place() -> None:
-    assert place_of(TEXT, "phase.1.limits.velocity") == Place(14, 3)
-    assert place_of(TEXT, "path.0.kind") == place_of(TEXT, "path.kind") == Place(19, 1)
+    assert place_of(TEXT, "phase.1.limits.velocity") == KeyPosition(14, 3)
+    assert place_of(TEXT, "path.0.kind") == place_of(TEXT, "path.kind") == KeyPosition(19, 1)
 
 
 @pytest.mark.parametrize("key", ["limits.velocity", "start", "velocity", "b.c"])

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from mbocp.exceptions import LoopNotClosed, RobotFileError, UnknownFrame, UnknownJoint
-from mbocp.robot import IgnoredKeysWarning, Point, Robot, Weld, list_robots, load_robot, robot_from_spec
+from mbocp.robot import (
+    IgnoredKeysWarning,
+    PointConstraint,
+    Robot,
+    Weld,
+    list_robots,
+    load_robot,
+    robot_from_spec,
+)
 from tests.robot import urdfs
 from tests.robot.loops import builders as loops
 
@@ -39,7 +47,7 @@ def load(folder: Path, text: str, urdf: str = URDF, **options: object) -> Robot:
 def test_a_point_and_motors(tmp_path: Path) -> None:
     robot = load(tmp_path, LOOP + "type: ['3d']\nname_mot: ['mot_b', 'mot_a']\n")
     (loop,) = robot.constraints
-    assert isinstance(loop, Point)
+    assert isinstance(loop, PointConstraint)
     assert (loop.name, loop.frames, robot.nc) == ("loop1", ("loop1_A", "loop1_B"), 2)
     assert [label.name for label in robot.u_labels] == ["mot_b", "mot_a"]
     np.testing.assert_allclose(robot.closure_residual(robot.q0), 0.0, atol=1e-13)

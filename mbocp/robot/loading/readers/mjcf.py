@@ -20,7 +20,7 @@ from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, Rea
 from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
 from mbocp.robot.loading.readers.mjcf_tendons import fixed_tendons
-from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, Node, named_joint, parse_mjcf
+from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, XmlElement, named_joint, parse_mjcf
 from mbocp.robot.loading.readers.tree import TreeJoint, describe_tree, oddities_of, placements_of
 from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
@@ -116,13 +116,13 @@ class _Tables:
             told["actuation"] = {"joints": list(limits)}
             told["actuator"] = [*(tendons[name] | _effort(*pulls[name]) for name in pulls), *thrusters]
 
-    def _why(self, node: Node) -> str:
+    def _why(self, node: XmlElement) -> str:
         for key in ("tendon", "body", "site", "cranksite", "joint", "jointinparent"):
             if key in node.said:
                 return f" (on {key} {node.text(key)})"
         return ""
 
-    def _thruster(self, node: Node) -> dict[str, Any] | None:
+    def _thruster(self, node: XmlElement) -> dict[str, Any] | None:
         """A thrust on a site, if its moment is about the same axis."""
         site = node.text("site")
         if not site or "refsite" in node.said:
@@ -143,7 +143,7 @@ class _Tables:
 
     def equalities(self, told: dict[str, Any]) -> None:
         """Loops, couplings and locked joints."""
-        made: Mapping[str, Callable[[Node, str], dict[str, Any] | None]] = {
+        made: Mapping[str, Callable[[XmlElement, str], dict[str, Any] | None]] = {
             "connect": self._connect,
             "weld": self._weld,
         }
@@ -163,7 +163,7 @@ class _Tables:
             else:
                 self.found.left_out.add(f"equality of {element.tag}s", name)
 
-    def _couple(self, node: Node, name: str, rows: list[dict[str, Any]]) -> None:
+    def _couple(self, node: XmlElement, name: str, rows: list[dict[str, Any]]) -> None:
         """Joint 1 as a polynomial of joint 2, both from their references; what is linear is a coupling."""
         first, second = node.text("joint1"), node.text("joint2")
         named = [named_joint(node, key, self.joints) for key in ("joint1", "joint2")[: 1 + bool(second)]]
@@ -179,7 +179,7 @@ class _Tables:
             row = {"type": "coupling", "name": name, "joints": (first, second)}
             rows.append({**row, "ratio": float(c[1]), "offset": offset})
 
-    def _connect(self, node: Node, name: str) -> dict[str, Any]:
+    def _connect(self, node: XmlElement, name: str) -> dict[str, Any]:
         if "site1" in node.said:
             return {"type": "point", "name": name, "frames": self._sites(node)}
         a, b, relative = self._pair(node)
@@ -192,7 +192,7 @@ class _Tables:
             "position_b": relative.actInv(anchor).tolist(),
         }
 
-    def _weld(self, node: Node, name: str) -> dict[str, Any]:
+    def _weld(self, node: XmlElement, name: str) -> dict[str, Any]:
         if "site1" in node.said:
             return {"type": "weld", "name": name, "frames": self._sites(node)}
         a, b, relative = self._pair(node)
@@ -204,10 +204,10 @@ class _Tables:
         row = {"type": "weld", "name": name, "frames": (a, b)}
         return {**row, "position": relative.translation.tolist(), "orientation": turn}
 
-    def _sites(self, node: Node) -> tuple[str, str]:
+    def _sites(self, node: XmlElement) -> tuple[str, str]:
         return self.found.frame_of(node.text("site1")), self.found.frame_of(node.text("site2"))
 
-    def _pair(self, node: Node) -> tuple[str, str, pin.SE3]:
+    def _pair(self, node: XmlElement) -> tuple[str, str, pin.SE3]:
         """Names of two bodies, and where the second is in the first as the file places them."""
         placed = placements_of(self.found.bodies)
         names = [node.text(key) or WORLD for key in ("body1", "body2")]
@@ -260,7 +260,7 @@ def _effort(lower: float, upper: float) -> dict[str, list[float]]:
     return {"effort": [float(lower), float(upper)]} if math.isfinite(upper - lower) else {}
 
 
-def _force_range(node: Node) -> Array:
+def _force_range(node: XmlElement) -> Array:
     """Least and largest force of an actuator before its gear, shape (2,); infinite without bounds."""
     is_motor = node.tag == "motor" or (
         node.tag == "general" and all(node.text(key, "none") == "none" for key in ("biastype", "dyntype"))

@@ -24,7 +24,7 @@ from mbocp.robot.loading.readers.mjcf_geoms import (
     read_geom,
     shape_of,
 )
-from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node
+from mbocp.robot.loading.readers.mjcf_xml import Mjcf, XmlElement
 from mbocp.robot.loading.readers.tree import ELLIPSOIDS, LeftOut, MissingMesh, TreeBody, TreeJoint
 
 _KINDS = {"hinge": "revolute", "slide": "prismatic", "ball": "ball", "free": "free"}
@@ -134,7 +134,7 @@ class _Reader:
         except FileNotFoundError as error:
             body.missing.append(MissingMesh(f"body {show(body.name)}", str(error), geom.is_solid))
 
-    def _joint(self, node: Node, body: TreeBody, frame: pin.SE3) -> None:
+    def _joint(self, node: XmlElement, body: TreeBody, frame: pin.SE3) -> None:
         word = "free" if node.tag == "freejoint" else node.text("type", "hinge")
         if word not in _KINDS:
             raise RobotFileError(node.path, f"{node.where}: unknown type {show(word)}")
@@ -206,7 +206,7 @@ def read_bodies(mjcf: Mjcf, folders: Sequence[Path]) -> Bodies:
     return reader.found
 
 
-def _written_inertia(node: Node, body: str) -> pin.Inertia:
+def _written_inertia(node: XmlElement, body: str) -> pin.Inertia:
     where = f"{node.path}: body {show(body)}"
     mass = node.number("mass", 0.0)
     if mass < 0.0:

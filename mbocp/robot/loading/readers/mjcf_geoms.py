@@ -19,7 +19,7 @@ from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.robot.collision.geometry import LinkShape, mesh_of
 from mbocp.robot.collision.hull import hull_of
 from mbocp.robot.loading.addresses import resolve
-from mbocp.robot.loading.readers.mjcf_xml import Mjcf, Node, turn_to
+from mbocp.robot.loading.readers.mjcf_xml import Mjcf, XmlElement, turn_to
 from mbocp.robot.loading.readers.tree import TreeShape
 
 _DENSITY = 1000.0  # [kg/m^3]
@@ -38,7 +38,7 @@ class MeshAsset(NamedTuple):
     inertia: str
     triangles: tuple[Array, Indices] | None = None
 
-    def read(self, node: Node, folders: Sequence[Path]) -> tuple[Array, Indices]:
+    def read(self, node: XmlElement, folders: Sequence[Path]) -> tuple[Array, Indices]:
         """Corners, shape (V, 3) [m], and triangles, shape (F, 3); raises `UNREADABLE`."""
         if self.triangles is None:
             points, triangles = read_triangles(resolve(self.address, node.path.parent, folders))
@@ -50,7 +50,7 @@ class MeshAsset(NamedTuple):
 class Geom(NamedTuple):
     """A geom: its type, its sizes (half lengths) [m], its placement in the body."""
 
-    node: Node
+    node: XmlElement
     kind: str
     sizes: Array
     placement: pin.SE3
@@ -84,7 +84,7 @@ def mesh_assets(mjcf: Mjcf) -> dict[str, MeshAsset]:
     return found
 
 
-def _mesh_in_file(node: Node) -> tuple[Array, Indices]:
+def _mesh_in_file(node: XmlElement) -> tuple[Array, Indices]:
     """Corners and triangles of a mesh that the file itself has; without `face` those of the hull."""
     points, corners = node.vector("vertex", None), node.vector("face", None)
     places = corners.astype(np.int64)
@@ -101,7 +101,7 @@ def _mesh_in_file(node: Node) -> tuple[Array, Indices]:
     return hull.vertices, hull.faces
 
 
-def read_geom(node: Node, meshes: Mapping[str, MeshAsset], frame: pin.SE3) -> Geom | None:
+def read_geom(node: XmlElement, meshes: Mapping[str, MeshAsset], frame: pin.SE3) -> Geom | None:
     """Read a geom; None if it has no body: planes, height fields.
 
     Raises

@@ -37,7 +37,7 @@ _YES = ("true", "1")
 
 
 @dataclass(frozen=True)
-class Node:
+class XmlElement:
     """An element with the defaults of its class.
 
     Attributes
@@ -188,7 +188,7 @@ class Mjcf:
         """The name that it gives the robot."""
         return self.root.get("model") or self.path.stem
 
-    def node(self, element: ElementTree.Element, inherited: str | None = None) -> Node:
+    def node(self, element: ElementTree.Element, inherited: str | None = None) -> XmlElement:
         """The element with the attributes of its class, or of the one that it inherits from its body.
 
         Raises
@@ -201,7 +201,7 @@ class Mjcf:
             raise RobotFileError(self.path, f"<{element.tag}>: there is no class {show(name)}")
         kind = _KINDS.get(element.tag, element.tag)
         said = {**self.classes[name].get(kind, {}), **element.attrib}
-        return Node(self.path, element, said, self.compiler)
+        return XmlElement(self.path, element, said, self.compiler)
 
     def each(self, section: str) -> Iterator[ElementTree.Element]:
         """Elements within all sections of this name."""
@@ -209,7 +209,7 @@ class Mjcf:
             yield from found
 
 
-def named_joint(node: Node, key: str, joints: Mapping[str, TreeJoint]) -> TreeJoint:
+def named_joint(node: XmlElement, key: str, joints: Mapping[str, TreeJoint]) -> TreeJoint:
     """Find the joint that an attribute names.
 
     Raises

@@ -18,7 +18,7 @@ import pinocchio as pin
 from mbocp._text import list_names
 from mbocp.exceptions import RobotFileError, UnsupportedRobot
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, ReadOptions
-from mbocp.robot.loading.joint_numbers import Follower
+from mbocp.robot.loading.joint_numbers import MimicJoint
 from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, find_oddities
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
 from mbocp.robot.loading.readers.urdf_extensions import read_loops, tell_omissions
@@ -164,7 +164,7 @@ def _check_mass(path: Path, model: pin.Model, inertials: Sequence[Inertial]) -> 
         )
 
 
-def followers(path: Path, root: ElementTree.Element) -> tuple[Follower, ...]:
+def followers(path: Path, root: ElementTree.Element) -> tuple[MimicJoint, ...]:
     """Mimic joints of a URDF, in its order. One that mimics a mimic joint follows that one's leader.
 
     Raises
@@ -180,7 +180,7 @@ def followers(path: Path, root: ElementTree.Element) -> tuple[Follower, ...]:
     )
 
 
-def with_first_leaders(text: str, root: ElementTree.Element, found: Sequence[Follower]) -> str:
+def with_first_leaders(text: str, root: ElementTree.Element, found: Sequence[MimicJoint]) -> str:
     """Text of the URDF in which every mimic joint names the leader that it follows in the end."""
     named = {joint.get("name"): joint.find("mimic") for joint in root.iterfind("joint")}
     if all(_attribute(named[f.name], "joint") == f.leader for f in found):
@@ -196,7 +196,7 @@ def with_first_leaders(text: str, root: ElementTree.Element, found: Sequence[Fol
     return ElementTree.tostring(copy, encoding="unicode")
 
 
-def _resolve(path: Path, name: str, elements: Mapping[str, ElementTree.Element]) -> Follower:
+def _resolve(path: Path, name: str, elements: Mapping[str, ElementTree.Element]) -> MimicJoint:
     """Follow the leaders up to the one that follows no other."""
     multiplier, offset, at, passed = 1.0, 0.0, name, [name]
     while (mimic := elements[at].find("mimic")) is not None:
@@ -213,10 +213,10 @@ def _resolve(path: Path, name: str, elements: Mapping[str, ElementTree.Element])
         multiplier *= _number(path, who, mimic, "multiplier", 1.0)
         passed.append(leader)
         at = leader
-    return _add_limits(Follower(name, at, multiplier, offset), path, elements[name])
+    return _add_limits(MimicJoint(name, at, multiplier, offset), path, elements[name])
 
 
-def _add_limits(follower: Follower, path: Path, element: ElementTree.Element) -> Follower:
+def _add_limits(follower: MimicJoint, path: Path, element: ElementTree.Element) -> MimicJoint:
     """The follower with its limits and losses; zero or contradictory limits mean none."""
     who = f"joint {follower.name!r}"
     limit, dynamics = element.find("limit"), element.find("dynamics")
@@ -228,7 +228,7 @@ def _add_limits(follower: Follower, path: Path, element: ElementTree.Element) ->
     return replace(follower, lower=lower, upper=upper, velocity=velocity, damping=damping, friction=friction)
 
 
-def _check(path: Path, follower: Follower, elements: Mapping[str, ElementTree.Element]) -> Follower:
+def _check(path: Path, follower: MimicJoint, elements: Mapping[str, ElementTree.Element]) -> MimicJoint:
     kinds = (elements[follower.name].get("type"), elements[follower.leader].get("type"))
     where = f"{path}: joint {follower.name!r} mimics {follower.leader!r}"
     if not set(kinds) <= set(_KINDS) or len({kind == "continuous" for kind in kinds}) > 1:

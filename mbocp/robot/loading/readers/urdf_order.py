@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.loading.joint_numbers import Follower
+from mbocp.robot.loading.joint_numbers import MimicJoint
 
 
-def sorted_names(path: Path, root: ElementTree.Element, followers: Sequence[Follower]) -> dict[str, str]:
+def sorted_names(path: Path, root: ElementTree.Element, followers: Sequence[MimicJoint]) -> dict[str, str]:
     """Names with which leaders sort before their followers, by the joints' own; none where they do anyway.
 
     Raises

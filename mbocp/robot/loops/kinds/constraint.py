@@ -19,7 +19,7 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
-from mbocp.robot.loading.table_types import Orientation, PairTable, Position, Table, TableReader
+from mbocp.robot.loading.table_types import FrozenTable, Orientation, PairTable, Position, TableReader
 from mbocp.robot.parts import Label
 
 Axis: TypeAlias = tuple[float, float, float]
@@ -62,7 +62,7 @@ def _plain(vector: np.ndarray) -> Axis:
     return x, y, z
 
 
-class Kinematics(Protocol):
+class FrameKinematics(Protocol):
     """Where frames and joints are, as expressions in a configuration q of any coordinates."""
 
     def frame_position(self, frame_id: int, q: ca.SX) -> ca.SX:
@@ -75,7 +75,7 @@ class Kinematics(Protocol):
         """Angle or length of a joint that has one displacement [rad, m]."""
 
 
-class ConstraintKeys(Table):
+class ConstraintKeys(FrozenTable):
     """Keys of a `[[constraint]]` that every kind has."""
 
     name: str | None = None
@@ -171,10 +171,10 @@ class Constraint(ABC):
         """What it joins and how, JSON-able."""
 
     @abstractmethod
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Phi(q), shape (len(rows),), in whatever coordinates `kinematics` has."""
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Phi(q; anchor): zero where what it keeps is as it was at another configuration."""
         return self.equations(kinematics, q) - self.equations(kinematics, anchor)
 
@@ -235,25 +235,25 @@ class FrameConstraint(Constraint):
         fields = {field: given[key] for key, of_key in (cls.hold_keys or {}).items() for field in of_key}
         return cls(name, *frame_ids, frames=frames, **fields)  # type: ignore[call-arg]  # fields of kinds
 
-    def offset(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def offset(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Origin of frame a from that of frame b in the world [m]."""
         return kinematics.frame_position(self.frame_a, q) - kinematics.frame_position(self.frame_b, q)
 
-    def place(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def place(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Origin of frame a from that of frame b, in the axes of b [m]."""
         between = self.offset(kinematics, q)
         return kinematics.frame_rotation(self.frame_b, q).T @ between
 
-    def turn(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def turn(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Axes of frame a in those of frame b."""
         axes = kinematics.frame_rotation(self.frame_b, q)
         return axes.T @ kinematics.frame_rotation(self.frame_a, q)
 
-    def displacement(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def displacement(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """How far the origin of frame a is from where it was, in the axes of b [m]."""
         return self.place(kinematics, q) - self.place(kinematics, anchor)
 
-    def turn_since(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def turn_since(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """How far frame a is turned from where it was, in its axes there."""
         return self.turn(kinematics, anchor).T @ self.turn(kinematics, q)
 

@@ -14,7 +14,7 @@ from mbocp._measured import KeyUnits, plain_number
 from mbocp.exceptions import InvalidValue, UnsupportedRobot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.loading.table_types import FramePair, Number, TableReader
-from mbocp.robot.loops.kinds.constraint import Constraint, ConstraintKeys, Kinematics
+from mbocp.robot.loops.kinds.constraint import Constraint, ConstraintKeys, FrameKinematics
 from mbocp.robot.parts import Label
 
 _INTEGER_TOLERANCE = 1e-12  # a ratio this close to a whole number is one
@@ -128,7 +128,7 @@ class Coupling(Constraint):
         """Names of the joints, and how they move together."""
         return {"joints": list(self.joints), "ratio": self.ratio, "offset": self.offset}
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Difference of the displacements, up to full turns of continuous joints."""
         theta_a, theta_b = (kinematics.joint_displacement(joint, q) for joint in self.joint_ids)
         value = theta_a - self.ratio * theta_b - self.offset

@@ -18,7 +18,7 @@ from mbocp.robot.loops.kinds.constraint import (
     Axis,
     FrameConstraint,
     FrameKeys,
-    Kinematics,
+    FrameKinematics,
     Z,
     along,
     in_world,
@@ -70,13 +70,13 @@ class Weld(FrameConstraint):
         turns = tuple(Label(f"{self.name}.r{axis}", "rad") for axis in "xyz")
         return (*position_rows(self.name), *turns)
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Position of a in b, and three products of axes."""
         axes_a, axes_b = (kinematics.frame_rotation(frame, q) for frame in self.frame_ids)
         turns = [ca.dot(axes_a[:, i], axes_b[:, j]) for i, j in ((1, 2), (2, 0), (0, 1))]
         return ca.vertcat(axes_b.T @ self.offset(kinematics, q), *turns)
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions, and the turn since then."""
         E = self.turn_since(kinematics, q, anchor)
         turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
@@ -140,14 +140,14 @@ class Hinge(FrameConstraint):
         tilts = (Label(f"{self.name}.tilt_1", "rad"), Label(f"{self.name}.tilt_2", "rad"))
         return (*position_rows(self.name), *tilts)
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Position of a in b, and components of a's axis across b's."""
         axes_a, axes_b = (kinematics.frame_rotation(frame, q) for frame in self.frame_ids)
         axis = in_world(axes_a, self.axis_a)
         tilts = [ca.dot(in_world(axes_b, e), axis) for e in perpendiculars(self.axis_b)]
         return ca.vertcat(axes_b.T @ self.offset(kinematics, q), *tilts)
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions, and components of the axis across where it was."""
         axis = self.turn_since(kinematics, q, anchor) @ ca.DM(np.array(self.axis_a))
         tilts = [along(e, axis) for e in perpendiculars(self.axis_a)]
@@ -233,11 +233,11 @@ class Screw(FrameConstraint):
         """Frames and pitch."""
         return {**super().facts, "pitch": self.pitch}
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Place and turn of a in b on the screw about b's axis."""
         return self._rows(self.place(kinematics, q), self.turn(kinematics, q), self.axis_b)
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Move and turn of a since then on the screw about its own axis."""
         moved = self.turn(kinematics, anchor).T @ self.displacement(kinematics, q, anchor)
         return self._rows(moved, self.turn_since(kinematics, q, anchor), self.axis_a)

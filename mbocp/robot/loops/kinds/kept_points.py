@@ -14,7 +14,7 @@ from mbocp.robot.loops.kinds.constraint import (
     Axis,
     FrameConstraint,
     FrameKeys,
-    Kinematics,
+    FrameKinematics,
     Z,
     along,
     in_world,
@@ -26,7 +26,7 @@ from mbocp.robot.parts import Label
 
 
 @dataclass(frozen=True)
-class Point(FrameConstraint):
+class PointConstraint(FrameConstraint):
     r"""The origins of two frames coincide: a ball joint that closes a loop.
 
     .. math:: \Phi(q) = R_b^T (p_a - p_b) \quad [\mathrm{m}]
@@ -51,20 +51,20 @@ class Point(FrameConstraint):
 
         type: Literal["point"]
 
-        def make(self, name: str, where: str, places: TableReader) -> Point:
+        def make(self, name: str, where: str, places: TableReader) -> PointConstraint:
             """Make the ball joint."""
-            return Point(name, *places.pair(self.frames, where), self.frames)
+            return PointConstraint(name, *places.pair(self.frames, where), self.frames)
 
     @property
     def rows(self) -> tuple[Label, ...]:
         """Of the position."""
         return position_rows(self.name)
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Position of a in b."""
         return self.place(kinematics, q)
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions."""
         return self.displacement(kinematics, q, anchor)
 
@@ -118,12 +118,12 @@ class PointOnLine(FrameConstraint):
         """Two distances across the line."""
         return (Label(f"{self.name}.1", "m"), Label(f"{self.name}.2", "m"))
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Distances across the line."""
         axes_b, d = kinematics.frame_rotation(self.frame_b, q), self.offset(kinematics, q)
         return ca.vertcat(*[ca.dot(in_world(axes_b, e), d) for e in perpendiculars(self.axis)])
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Differences of the positions across the line."""
         moved = self.displacement(kinematics, q, anchor)
         return ca.vertcat(*[along(e, moved) for e in perpendiculars(self.axis)])
@@ -181,12 +181,12 @@ class PointOnPlane(FrameConstraint):
         """That of the plane."""
         return self.normal
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Distance from the plane."""
         axes_b = kinematics.frame_rotation(self.frame_b, q)
         return ca.dot(in_world(axes_b, self.normal), self.offset(kinematics, q))
 
-    def change_from(self, kinematics: Kinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+    def change_from(self, kinematics: FrameKinematics, q: ca.SX, anchor: ca.SX) -> ca.SX:
         """Difference of the positions along the normal."""
         return along(self.normal, self.displacement(kinematics, q, anchor))
 

@@ -11,7 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot.loading.table_types import Metres, TableReader
-from mbocp.robot.loops.kinds.constraint import Axis, FrameConstraint, FrameKeys, Kinematics
+from mbocp.robot.loops.kinds.constraint import Axis, FrameConstraint, FrameKeys, FrameKinematics
 from mbocp.robot.parts import Label
 
 
@@ -75,7 +75,7 @@ class Rod(FrameConstraint):
         """Along the rod."""
         return (1.0, 0.0, 0.0)
 
-    def equations(self, kinematics: Kinematics, q: ca.SX) -> ca.SX:
+    def equations(self, kinematics: FrameKinematics, q: ca.SX) -> ca.SX:
         """Half the difference of the squares of distance and length."""
         d = self.offset(kinematics, q)
         return (ca.dot(d, d) - self.length**2) / 2
