@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from mbocp.robot import Robot
     from mbocp.solution import Solution
+    from mbocp.solution.sampled import JointSamples
 
 
 def plot(
@@ -238,9 +239,16 @@ def export(
         raise typer.Exit(1)
     write_samples(motion, solution, output, name)
     if not quiet:
-        first, last = (round(float(abs(motion.accelerations[n]).max()), 6) for n in (0, -1))
         fitted = f" ({sent.words})" if sent.words else ""
         typer.echo(
             f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "
-            f"its ends up to {first:.3g} and {last:.3g}"
+            f"its ends up to {_largest_acceleration(motion, 0)} and {_largest_acceleration(motion, -1)}"
         )
+
+
+def _largest_acceleration(motion: JointSamples, sample: int) -> str:
+    """The largest of each unit."""
+    sizes = abs(motion.accelerations[sample])
+    units = dict.fromkeys(motion.units)
+    largest = (max(a for a, of in zip(sizes, motion.units, strict=True) if of == unit) for unit in units)
+    return ", ".join(f"{round(float(a), 6):.3g} {unit}/s^2" for a, unit in zip(largest, units, strict=True))
