@@ -77,19 +77,21 @@ def describe(robot: Robot) -> dict[str, Any]:
 def find_oddities(robot: Robot) -> tuple[str, ...]:
     """Find what is allowed in the files of a robot, and probably not meant; one line for each.
 
-    Nothing is said of links that have other inertias, and of joints that are locked.
+    Nothing is said of links that have other inertias, and of joints that are locked or follow a leader.
     """
     found = list[Oddity]()
     parts = ("", *(part.prefix for part in robot.parts))
     moving = {name.removeprefix(part) for name in robot.joint_names for part in parts}
     fixed = [frame.name for frame in robot.model.frames if frame.type == pin.FrameType.FIXED_JOINT]
-    locked = {name.removeprefix(part) for name in fixed for part in parts} - moving
+    follow = [robot.model.names[joint] for joint in robot.model.mimicking_joints]
+    still = {name.removeprefix(part) for name in fixed for part in parts} - moving
+    still |= {name.removeprefix(part) for name in follow for part in parts}
     mended = {one.link.removeprefix(part) for one in robot.link_inertias for part in parts}
     folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
     for path in robot.sources:
         try:
             read = reader_of(path, folders, robot.spec.get("arguments")).oddities(path)
-            found += [one for one in read if one.link not in mended and one.joint not in locked]
+            found += [one for one in read if one.link not in mended and one.joint not in still]
         except MbocpError:  # the file has changed, or is no longer there
             continue
     return tuple(_join_alike(found))

@@ -160,3 +160,10 @@ def test_odd_limits_are_told(tmp_path):
 
 def test_mimic_joints_and_those_of_the_examples_say_nothing(tmp_path):
     assert told(tmp_path, chain("revolute", "prismatic")) == ""
+
+
+def test_joints_that_mimic_others_in_the_file_alone_are_told():
+    (line,) = (words for words in oddities_of(load_robot("panda")) if "mimics" in words)
+    assert line.startswith("joint 'panda_finger_joint2': mimics 'panda_finger_joint1' in the file")
+    for other in (load_robot("panda", mimic=True), load_robot("panda", lock=["panda_finger_joint2"])):
+        assert not any("mimics" in words for words in oddities_of(other))

@@ -213,7 +213,10 @@ def _of_inertia(inertial: Inertial) -> Iterator[str]:
 def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
     """What is odd about one joint, without its name."""
     kind = joint.get("type")
-    if kind not in (*_WITH_LIMITS, "continuous") or joint.find("mimic") is not None:
+    if (leader := child_attribute(joint, "mimic", "joint")) is not None:
+        yield f"mimics {show(leader)} in the file, and moves by itself here: robot.mimic = true couples them"
+        return
+    if kind not in (*_WITH_LIMITS, "continuous"):
         return
     limit = {
         key: finite_number(child_attribute(joint, "limit", key))
