@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from mbocp.robot.loops.kinds.hinges import Hinge as Hinge
     from mbocp.robot.loops.kinds.hinges import Screw as Screw
     from mbocp.robot.loops.kinds.hinges import Weld as Weld
-    from mbocp.robot.loops.kinds.kept_points import PointConstraint as PointConstraint
     from mbocp.robot.loops.kinds.kept_points import PointOnLine as PointOnLine
     from mbocp.robot.loops.kinds.kept_points import PointOnPlane as PointOnPlane
+    from mbocp.robot.loops.kinds.kept_points import PointOnPoint as PointOnPoint
     from mbocp.robot.loops.kinds.rod import Rod as Rod
     from mbocp.robot.loops.redundancy import singular_closure as singular_closure
     from mbocp.robot.named_numbers import number_of as number_of

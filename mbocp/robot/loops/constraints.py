@@ -8,12 +8,12 @@ from __future__ import annotations
 from mbocp.robot.loops.kinds.constraint import Constraint, FrameConstraint
 from mbocp.robot.loops.kinds.coupling import Coupling
 from mbocp.robot.loops.kinds.hinges import Hinge, Screw, Weld
-from mbocp.robot.loops.kinds.kept_points import PointConstraint, PointOnLine, PointOnPlane
+from mbocp.robot.loops.kinds.kept_points import PointOnLine, PointOnPlane, PointOnPoint
 from mbocp.robot.loops.kinds.rod import Rod
 
 _KINDS: tuple[type[Constraint], ...] = (
     Rod,
-    PointConstraint,
+    PointOnPoint,
     Hinge,
     Weld,
     PointOnPlane,

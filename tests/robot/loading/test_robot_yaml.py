@@ -10,7 +10,7 @@ import pytest
 from mbocp.exceptions import LoopNotClosed, RobotFileError, UnknownFrame, UnknownJoint
 from mbocp.robot import (
     IgnoredKeysWarning,
-    PointConstraint,
+    PointOnPoint,
     Robot,
     Weld,
     list_robots,
@@ -47,7 +47,7 @@ def load(folder: Path, text: str, urdf: str = URDF, **options: object) -> Robot:
 def test_a_point_and_motors(tmp_path: Path) -> None:
     robot = load(tmp_path, LOOP + "type: ['3d']\nname_mot: ['mot_b', 'mot_a']\n")
     (loop,) = robot.constraints
-    assert isinstance(loop, PointConstraint)
+    assert isinstance(loop, PointOnPoint)
     assert (loop.name, loop.frames, robot.nc) == ("loop1", ("loop1_A", "loop1_B"), 2)
     assert [label.name for label in robot.u_labels] == ["mot_b", "mot_a"]
     np.testing.assert_allclose(robot.closure_residual(robot.q0), 0.0, atol=1e-13)

@@ -15,9 +15,9 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot import (
     Coupling,
     Hinge,
-    PointConstraint,
     PointOnLine,
     PointOnPlane,
+    PointOnPoint,
     Robot,
     Rod,
     Weld,
@@ -50,8 +50,8 @@ def subject() -> Robot:
     hinge, gear = model.getJointId("RX_01"), model.getJointId("RUBZ_02")
     constraints = (
         Rod("rod", a, b, 0.3),
-        PointConstraint("point", a, b),
-        PointConstraint("anchor", a, 0),
+        PointOnPoint("point", a, b),
+        PointOnPoint("anchor", a, 0),
         Hinge("hinge", a, b, axis_a=(1, 2, 3), axis_b=(0, 1, -1)),
         Weld("weld", a, b),
         PointOnPlane("plane", a, b, normal=(1, 1, 0)),
@@ -125,7 +125,7 @@ def pose(position: tuple[float, float, float], rotation: Array) -> Array:
 
 TURN = pin.exp3(np.array([0.0, 0.0, 0.8]))
 ALLOWED = {  # what a frame may still do beside the world's
-    "point": (lambda a, b: PointConstraint("c", a, b), pose((0, 0, 0), pin.exp3(np.array([0.3, -0.5, 0.8])))),
+    "point": (lambda a, b: PointOnPoint("c", a, b), pose((0, 0, 0), pin.exp3(np.array([0.3, -0.5, 0.8])))),
     "hinge": (lambda a, b: Hinge("c", a, b), pose((0, 0, 0), TURN)),
     "weld": (lambda a, b: Weld("c", a, b), pose((0, 0, 0), np.eye(3))),
     "plane": (lambda a, b: PointOnPlane("c", a, b), pose((3, -2, 0), TURN)),

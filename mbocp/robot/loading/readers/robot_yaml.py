@@ -36,7 +36,7 @@ from mbocp.robot.loading.readers.urdf_xml import Urdf
 from mbocp.robot.loading.robot_toml import ActuationTable, RobotTable
 from mbocp.robot.loops.kinds.constraint import ConstraintKeys
 from mbocp.robot.loops.kinds.hinges import Weld
-from mbocp.robot.loops.kinds.kept_points import PointConstraint
+from mbocp.robot.loops.kinds.kept_points import PointOnPoint
 from mbocp.robot.warnings import IgnoredKeysWarning
 
 MAX_BYTES = MEGABYTE // 4  # of a robot.yaml [bytes]; the parser is slow, the largest that we know has 3 kB
@@ -70,7 +70,7 @@ class RobotYaml(BaseModel):
         kinds = self.type or ["6d"] * len(self.closed_loop)
         names = _names(self.closed_loop)
         loops: list[ConstraintKeys] = [
-            PointConstraint.Keys(type="point", name=name, frames=frames)
+            PointOnPoint.Keys(type="point", name=name, frames=frames)
             if kind.lower() == "3d"
             else Weld.Keys(type="weld", name=name, frames=frames)
             for name, frames, kind in zip(names, self.closed_loop, kinds, strict=True)

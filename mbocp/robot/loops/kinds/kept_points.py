@@ -26,7 +26,7 @@ from mbocp.robot.parts import Label
 
 
 @dataclass(frozen=True)
-class PointConstraint(FrameConstraint):
+class PointOnPoint(FrameConstraint):
     r"""The origins of two frames coincide: a ball joint that closes a loop.
 
     .. math:: \Phi(q) = R_b^T (p_a - p_b) \quad [\mathrm{m}]
@@ -51,9 +51,9 @@ class PointConstraint(FrameConstraint):
 
         type: Literal["point"]
 
-        def make(self, name: str, where: str, places: TableReader) -> PointConstraint:
+        def make(self, name: str, where: str, places: TableReader) -> PointOnPoint:
             """Make the ball joint."""
-            return PointConstraint(name, *places.pair(self.frames, where), self.frames)
+            return PointOnPoint(name, *places.pair(self.frames, where), self.frames)
 
     @property
     def rows(self) -> tuple[Label, ...]:
