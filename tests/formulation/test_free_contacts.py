@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from typer.testing import CliRunner
 
 import mbocp
+from mbocp.cli.app import app
 from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 
@@ -139,6 +141,13 @@ def test_a_warm_start_is_the_motion(hop: mbocp.Solution) -> None:
     assert again.iterations <= 2
 
 
+def test_its_summary_counts_no_constraints(hop: mbocp.Solution, tmp_path: Path) -> None:
+    path = hop.save(tmp_path / "hop.h5")
+    told = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["info", str(path)]).output
+    assert "planar: 5 degrees of freedom, 2 controls" in told
+    assert "violated by" not in told.split("constraints", 1)[1].split("\n", 1)[0]
+
+
 def test_its_text_reads_back(hop: mbocp.Solution) -> None:
     text = problem_to_toml(hop.problem)
     assert 'contact = "free"' in text
@@ -151,7 +160,7 @@ def test_its_text_reads_back(hop: mbocp.Solution) -> None:
     [
         ({"integrator": {"scheme": "midpoint"}}, 'scheme = "midpoint"; take "se1"'),
         ({"ground": {**GROUND, "lift": 0.01}}, "ground.lift"),
-        ({"ground": {**GROUND, "friction": 0.0}}, "friction > 0"),
+        ({"ground": {**GROUND, "friction": 0.0}}, "a ground without friction"),
         ({"ground": {**GROUND, "height": 0.1}}, "below the ground"),
         ({"start": {"free": {"v": True}}}, "start.free"),
         ({"robust": {"start": {"v": 0.1}}}, r"\[robust\]"),
