@@ -9,7 +9,7 @@ import numpy as np
 from mbocp.accuracy.errors import accuracy_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import Motion
-from mbocp.formulation.wrong_steps import MORE_STEPS, WRONG_STEP, words_of_wrong_step
+from mbocp.formulation.wrong_steps import WRONG_STEP, words_of_wrong_step
 from mbocp.problem import Problem
 from mbocp.solution import Accuracy, Phase, Solution
 from mbocp.solution.later import retold
@@ -66,5 +66,4 @@ def _judge(problem: Problem, solution: Solution, found: Accuracy) -> tuple[Statu
     if not (is_wrong and solution.converged):
         return solution.status, solution.advice
     words = words_of_wrong_step(found.local_error, found.local_joint, found.local_time)
-    held = f"the optimality conditions hold: {solution.advice}"
-    return Status.UNDER_RESOLVED, f"{words}: {MORE_STEPS}; {held}"
+    return Status.UNDER_RESOLVED, f"{words}; the optimality conditions hold: {solution.advice}"

@@ -16,12 +16,12 @@ from mbocp.formulation.motion import Motion
 from mbocp.integrators import SCHEMES
 from mbocp.problem import Problem
 
-WRONG_STEP = 0.2  # [rad] of one joint: a fifth of the largest turn in a step
-MORE_STEPS = "take more steps, or a scheme of higher order"
+WRONG_STEP = 0.4  # [rad] of one joint: beyond, it is no motion any more; a step may turn it by 1 rad
+_TOLD = 0.1  # [rad] beyond which it is told
 
 
-def describe_wrong_step(problem: Problem, motion: Motion) -> str:
-    """Say which step of a scheme of order one is wrong by far; "" if none is, or the scheme is another.
+def describe_wrong_step(problem: Problem, motion: Motion) -> tuple[str, bool]:
+    """Say which step of a scheme of order one is wrong, and whether by far; "" if none is, or of others.
 
     Where feet land at times that nobody knows velocities leap, and tell nothing of the way.
 
@@ -36,17 +36,17 @@ def describe_wrong_step(problem: Problem, motion: Motion) -> str:
     table = problem.timeline.switches
     leaps = table is not None and bool(table.free_feet)
     if SCHEMES[problem.scheme].order > 1 or leaps or not turns:
-        return ""
+        return "", False
     changes = np.abs(np.diff(motion.vs[:, turns], axis=0))
     errors = changes * motion.dts[:, None] / (2.0 * problem.substeps)
     step, worst = np.unravel_index(errors.argmax(), errors.shape)
-    if not errors[step, worst] > WRONG_STEP:
-        return ""
-    return words_of_wrong_step(
-        float(errors[step, worst]), robot.v_labels[turns[worst]].name, float(motion.dts[: step + 1].sum())
-    )
+    error, time = float(errors[step, worst]), float(motion.dts[: step + 1].sum())
+    if not error > _TOLD:
+        return "", False
+    return words_of_wrong_step(error, robot.v_labels[turns[worst]].name, time), error > WRONG_STEP
 
 
 def words_of_wrong_step(error: float, joint: str, time: float) -> str:
-    """Say that the step to a time [s] is wrong by an error [rad] of a joint."""
-    return f"the step to t = {time:.4g} s is wrong by {error:.2g} rad at {joint}, which is no motion any more"
+    """Say that the step to a time [s] is wrong by an error [rad] of a joint, and what to do about it."""
+    wrong = f"the step to t = {time:.4g} s is wrong by {error:.2g} rad at {joint}"
+    return f"{wrong}: take more steps, or a scheme of higher order"
