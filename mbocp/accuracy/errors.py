@@ -23,7 +23,6 @@ see `mbocp.accuracy.course`.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from functools import partial
 
@@ -31,16 +30,13 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.course import Course, course_of
-from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import Motion
 from mbocp.integrators import control_powers
-from mbocp.problem import Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.drives import control_velocity_maps, speed_maps
 from mbocp.robot.kinematics import momenta_of
-from mbocp.solution import Accuracy, Phase, Solution
-from mbocp.solution.later import retold
+from mbocp.solution import Accuracy
 
 _MOST_PARTS = 64  # of a step: stiffer ones are not followed
 _RESOLVED = 0.01  # of the local errors: what the flow itself may be wrong by
@@ -256,43 +252,3 @@ def _worst_share(sums: Array, ways: Array, units: list[str]) -> int:
     longest = {unit: max(w for w, u in zip(ways, units, strict=True) if u == unit) for unit in units}
     moves = ways > _STANDS * np.array([longest[unit] for unit in units])
     return int(np.where(moves, sums / np.where(moves, ways, 1.0), -1.0).argmax())
-
-
-_MOST_LOOPS = 16  # constraints, of which more take seconds to write down
-_MOST_JOINTS = 30  # velocity components, the same
-_MOST_STEPS = 20_000
-
-
-def follows_fast(problem: Problem) -> bool:
-    """Whether the flow of the robot takes no more than a second to compile, and milliseconds to follow."""
-    robot = problem.robot
-    rows = robot.nc if problem.timeline.switches is None else robot.nc + len(problem.timeline.switches.labels)
-    return rows <= _MOST_LOOPS and robot.nv <= _MOST_JOINTS and problem.num_steps <= _MOST_STEPS
-
-
-def motion_of(solution: Solution) -> Motion:
-    """The motion of a solution, with its controls within the steps."""
-    own = (solution.u_values, tuple(solution.u_shares.tolist()))
-    return Motion(solution.qs, solution.vs, solution.us, np.diff(solution.t), *own)
-
-
-def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
-    """The solution with the errors of its motion; as it is without a motion or time, or with free feet."""
-    table = problem.timeline.switches
-    if not solution.is_stationary or (table is not None and table.free_feet):
-        return solution
-    begun = time.perf_counter()
-    motion = motion_of(solution)
-    try:
-        found = accuracy_of(
-            problem.with_found(solution.parameters).robot,
-            motion,
-            table=table,
-            gains=solution.gains,
-            deadline=deadline,
-        )
-    except CompilationTimeout:
-        return solution
-    spent = time.perf_counter() - begun
-    phases = (*solution.phases, Phase("accuracy", 0, spent))
-    return retold(solution, accuracy=found, phases=phases, wall_time_s=solution.wall_time_s + spent)

@@ -24,10 +24,18 @@ from dataclasses import field, replace
 import numpy as np
 
 from mbocp._arrays import dataclass
-from mbocp.accuracy.errors import with_accuracy
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
-from mbocp.accuracy.rounds import Round, accuracy_targets, is_rough, step_errors_of
+from mbocp.accuracy.of_solution import with_accuracy
+from mbocp.accuracy.rounds import (
+    Round,
+    accuracy_targets,
+    is_rough,
+    is_told_by_joints,
+    step_errors_of,
+    with_joints,
+)
 from mbocp.job import Job, Strategy, Warm
+from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
 from mbocp.solvers import Status
@@ -127,7 +135,10 @@ class _Search:
         return retold(solution, status=status, advice=f"{words}; {solution.advice}")
 
     def _solve(self, mesh: Mesh, start: Warm) -> Solution:
-        found = self.once.run(self.job.with_steps_of(mesh.of(self.job.problem), start))
+        return self._run(self.job.problem, mesh, start)
+
+    def _run(self, problem: Problem, mesh: Mesh, start: Warm) -> Solution:
+        found = self.once.run(self.job.with_steps_of(mesh.of(problem), start))
         self.taken += found.iterations
         return found
 
@@ -143,7 +154,10 @@ class _Search:
         problem, deadline = self.job.problem, self.job.deadline
         found = Round.of(problem, mesh.halve().of(problem), pair, deadline=deadline)
         checks = self._coarser(mesh, found.solution) if found.is_enough else []
-        last = found.compare_with(checks, self.rounds[-1] if self.rounds else None)
+        if is_told_by_joints(problem):
+            last = found.beside_joints(checks)
+        else:
+            last = found.compare_with(checks, self.rounds[-1] if self.rounds else None)
         if last.is_enough:
             last = trim(last, mesh, self._solve, deadline)
         self.rounds.append(last)
@@ -165,8 +179,11 @@ class _Search:
         return None
 
     def _coarser(self, mesh: Mesh, fine: Solution) -> list[Solution]:
-        """Solutions with fewer steps, by which orders are seen, fine to coarse."""
-        found = list[Solution]()
+        """Solutions with fewer steps, or of the joints, by which orders are seen, fine to coarse."""
+        found, problem = list[Solution](), self.job.problem
+        if is_told_by_joints(problem):
+            problem = with_joints(problem)
+            return [self._run(problem, each, fine) for each in (mesh.halve(), mesh, mesh.coarser())]
         for _ in range(_CHECKS_ROUGH if is_rough(self.job.problem) else _CHECKS):
             mesh = mesh.coarser()
             found.append(self._solve(mesh, fine))
@@ -198,7 +215,7 @@ def trim(found: Round, mesh: Mesh, solve: Callable[[Mesh, Solution], Solution], 
         if is_late or fewer == before or fewer.num_steps > worth * len(best.solution.us):
             break
         solution = solve(fewer, best.solution)
-        if not solution.is_stationary:
+        if not solution.is_stationary or (best.solution.converged and not solution.converged):
             break
         one, before = _judge(found, fewer, solution, deadline), fewer
         if one.is_enough:

@@ -23,8 +23,9 @@ import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
-from mbocp.accuracy.errors import StepErrors, motion_of, step_errors
+from mbocp.accuracy.errors import StepErrors, step_errors
 from mbocp.accuracy.mesh import ErrorTargets, Mesh, control_shares
+from mbocp.accuracy.of_solution import motion_of
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -33,6 +34,7 @@ from mbocp.solvers.strategies.in_units import is_no_cost
 
 _AIM_STEP, _AIM_COST = 0.5, 0.6  # of what is asked: errors of the next round are not known exactly
 _OF_STATES = ("position", "velocity")
+_OF_JOINTS = "lobatto3"  # holds loops, too
 _SURE = 1.2  # what the estimate of the cost's error may be wrong by
 _CALIBRATED = 20.0  # times what the shares say, where differences of costs say more
 
@@ -90,6 +92,15 @@ class Round:
             return found
         limit = found.limit.beside(before.limit)
         return replace(found, limit=limit, error=max(found.error, limit.unsure))
+
+    def beside_joints(self, others: Sequence[Solution]) -> Round:
+        """The same with what costs in joint coordinates tend to, fine to coarse; see `is_told_by_joints`."""
+        if not others:
+            return self
+        costs = [one.cost if one.is_stationary else math.nan for one in others][::-1]
+        order = _cost_order(self.problem)
+        limit = cost_limit(costs, order, cost_error(costs, order))
+        return replace(self, limit=limit, error=limit.error_of(self.solution.cost), sure=1.0)
 
     def _judge(self) -> Round:
         """With what its costs say of the error, and its controls."""
@@ -188,6 +199,21 @@ def is_rough(problem: Problem) -> bool:
     So they are by the midpoint rule where velocities of what is held alternate.
     """
     return problem.timeline.switches is not None or not COORDINATES[problem.coordinates].has_joint_states
+
+
+def is_told_by_joints(problem: Problem) -> bool:
+    """Whether costs in joint coordinates tell what those of bodies tend to.
+
+    The midpoint rule leaves velocities of bodies across their joints that alternate, and optima make use of
+    them. What that changes costs by falls with no order until steps are short: it has other signs with a few
+    steps than with many, and is near zero in between.
+    """
+    return not (COORDINATES[problem.coordinates].has_joint_states or problem.timeline.switches)
+
+
+def with_joints(problem: Problem) -> Problem:
+    """The same in joint coordinates, by a scheme that leaves no such velocities."""
+    return problem.with_(coordinates="joint", scheme=_OF_JOINTS)
 
 
 def _cost_order(problem: Problem) -> int:

@@ -48,7 +48,7 @@ def limit_rows(solution: Solution) -> _Rows:
 
 
 def _constraints(solution: Solution) -> str:
-    if not solution.nc:
+    if not solution.nc or _has_free_feet(solution):
         return "none"
     columns = solution.labels.lam
     named = ", ".join(c.name for c in columns)
@@ -56,6 +56,11 @@ def _constraints(solution: Solution) -> str:
     words = f"violated by {solution.constraint_violation:.2e} at most ({names})"
     more = (("their rates", solution.velocity_violation), ("within steps", solution.violation_within))
     return ", ".join([words, *(f"{what} by {size:.2e}" for what, size in more if not math.isnan(size))])
+
+
+def _has_free_feet(solution: Solution) -> bool:
+    """Whether all multipliers are forces of feet that may leave the ground, which nothing ties to it."""
+    return bool(solution.facts.ties == 0 and solution.facts.contacts and not solution.facts.held)
 
 
 def _forces(solution: Solution) -> _Rows:

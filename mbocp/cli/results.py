@@ -102,12 +102,9 @@ def info(result: ResultFile, as_json: Json = False) -> None:
 def _rows(solution: Solution) -> list[tuple[str, str | Text]]:
     """What a result says of itself."""
     from mbocp.cli.solution_summary import robot_words, solution_rows
-    from mbocp.problem.coordinates import COORDINATES
 
-    known = COORDINATES.get(solution.coordinates)  # where others have multipliers of rigid bodies, too
-    held = solution.facts.held
-    own = [label for label in solution.labels.lam if label.name.rpartition(".")[0] not in held]
-    nc = len(own) if known is not None and known.has_robot_multipliers else 0
+    ties = solution.facts.ties
+    nc = solution.nc if ties is None else ties
     return solution_rows(solution, robot_words(solution.robot_name, solution.nv, solution.nu, nc))
 
 

@@ -23,7 +23,6 @@ from mbocp.identification.unknown_parameters import BaseParameters, Unknowns, pa
 _SPREAD = 0.5  # standard deviation of the logarithms before measuring: half as much again, or two thirds
 _THINNEST = 1e-3  # second moments of a body by their sum: what is thinner is given this much
 _RADIUS = 1e-3  # [m] below which a body is no larger in any file
-_ROTOR = 0.2  # rotor inertia before measuring, by what else the joint moves
 
 
 class Consistent(NamedTuple):
@@ -74,18 +73,17 @@ def body_slopes(theta: Array) -> Array:
     return np.asarray(np.array(columns).T)
 
 
-def fit_consistent(
-    unknowns: Unknowns, base: BaseParameters, beta: Array, covariance: Array, moved: Array
-) -> Consistent:
+def fit_consistent(unknowns: Unknowns, base: BaseParameters, beta: Array, covariance: Array) -> Consistent:
     """Fit bodies, friction and rotors to base parameters.
+
+    A rotor of which the file says nothing may have any inertia: behind gears that of a wrist's is ten times
+    that of all that turns with it.
 
     Parameters
     ----------
     unknowns : Unknowns
     base : BaseParameters
     beta, covariance : ndarray, shapes (rank,), (rank, rank)
-    moved : ndarray, shape (number of rotors,)
-        Inertia that each joint with an unknown rotor moves [kg m^2, kg].
     """
     bodies, size = len(unknowns.bodies), PER_BODY * len(unknowns.bodies)
     starts = [log_cholesky(_thick(pseudo_inertia(body.values))) for body in unknowns.bodies]
@@ -93,7 +91,8 @@ def fit_consistent(
     sds = [_spread(start) for start in starts]
     scalar_sd = np.full(len(scalars), np.inf)
     rotors = np.array([label.name.endswith(".rotor") for label in unknowns.labels[size:]], dtype=bool)
-    scalar_sd[rotors] = np.maximum(_ROTOR * moved, 0.5 * scalars[rotors])
+    told = rotors & (scalars > 0.0)
+    scalar_sd[told] = _SPREAD * scalars[told]
     prior = np.concatenate([*starts, scalars])
     weight = 1.0 / np.concatenate([*sds, scalar_sd])
     white = np.linalg.inv(np.linalg.cholesky(covariance))

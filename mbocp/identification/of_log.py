@@ -232,10 +232,7 @@ def identify(
     if friction_speed is not None:
         speed_labels, turning = (), turning[:, :0]
     found = estimate(dynamics, unknowns, base, data, turning=turning, offsets=offsets)
-    count = sum(label.name.endswith(".rotor") for label in unknowns.labels)
-    driven = np.flatnonzero(robot.actuation.selection.any(axis=1))
-    moved = np.diag(robot.mass_matrix(robot.q0))[driven][:count]
-    real = fit_consistent(unknowns, base, found.beta, found.covariance, moved)
+    real = fit_consistent(unknowns, base, found.beta, found.covariance)
     everything = unknowns.known + unknowns.shares @ real.values
     sd = np.sqrt(np.diag(found.covariance))
     messages += describe(base, found, real.distance)

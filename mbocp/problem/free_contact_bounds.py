@@ -138,8 +138,19 @@ def check_free_contacts(
         "horizon.accuracy": accuracy is not None,
         "[robust]": robust is not None,
     }
+    if free_feet:
+        refuse_beside_free(others)
+
+
+def refuse_beside_free(others: Mapping[str, bool]) -> None:
+    """Refuse what feet that may leave the ground do not go with, in words, where it is said.
+
+    Raises
+    ------
+    ProblemError
+    """
     for words, is_said in others.items():
-        if free_feet and is_said:
+        if is_said:
             raise ProblemError(f'ground.contact: "free" does not go with {words}')
 
 

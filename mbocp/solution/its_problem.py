@@ -148,6 +148,7 @@ def facts_of(problem: Problem) -> Facts:
             if RATE_TERMS[key].letter in widest.letters
         },
         along=_limits_along(problem),
+        ties=problem.robot.nc,
         held=tuple(sorted({hold.hold.name for phase in problem.phase for hold in phase.holds})),
         contacts=tuple(sorted({bounds.contact.constraint for bounds in problem.contacts})),
         a_start=_plain(problem.a_start),

@@ -154,6 +154,8 @@ class Facts:
     along : mapping of str to (tuple, tuple)
         Lower and upper limits of "u" in the N steps, and of "v" and "q" at the nodes 1..N, where phases have
         limits of their own.
+    ties : int, optional
+        How many constraints the robot has at all times; None in files of older versions.
     held, contacts : tuple of str
         Names of what phases hold, and of constraints whose forces are bounded.
     a_start : tuple of float
@@ -180,6 +182,7 @@ class Facts:
     path: tuple[PathRow, ...] = ()
     rates: Mapping[str, tuple[_Numbers, _Numbers]] = field(default_factory=dict)
     along: Mapping[str, tuple[tuple[_Numbers, ...], tuple[_Numbers, ...]]] = field(default_factory=dict)
+    ties: int | None = None
     held: tuple[str, ...] = ()
     contacts: tuple[str, ...] = ()
     a_start: _Numbers = ()

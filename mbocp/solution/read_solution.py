@@ -31,6 +31,7 @@ from mbocp.formulation.read_trajectory import (
     read_trajectory,
     times_of,
 )
+from mbocp.formulation.wrong_steps import describe_wrong_step
 from mbocp.mechanics.symmetries import find_symmetries, momentum_name
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import LimitExcess, is_followed, largest_excess
@@ -270,10 +271,13 @@ def _suffix(words: str | None) -> str:
 
 
 def _resolution(formulation: Formulation, motion: Motion, status: Status, advice: str) -> tuple[Status, str]:
-    """Status and advice of what is no motion where a joint turns too far in one step."""
+    """Status and advice of what is no motion where a joint turns too far in one step, or a step is wrong."""
     words = describe_coarse_turn(formulation, motion)
     if words is None:
-        return status, advice
+        wrong, is_gross = describe_wrong_step(formulation.problem, motion)
+        if is_gross and status is Status.CONVERGED:
+            return Status.UNDER_RESOLVED, f"{wrong}; the optimality conditions hold: {advice}"
+        return status, advice + _suffix(wrong)
     weight = "a larger weight" if np.any(formulation.problem.cost.velocity) else 'a weight ("auto")'
     remedy = f"take more steps, or give cost.velocity {weight}"
     if status is not Status.CONVERGED:

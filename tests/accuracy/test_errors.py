@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 import warnings
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,11 +14,12 @@ import numpy as np
 import pytest
 
 import mbocp
-from mbocp.accuracy import accuracy_of, errors, follows_fast
+from mbocp.accuracy import accuracy_of, errors, follows_fast, with_accuracy
 from mbocp.accuracy import flow as flows
 from mbocp.exceptions import InvalidValue
 from mbocp.formulation import Motion
 from mbocp.solution import Accuracy, Solution
+from mbocp.solution.later import retold
 from tests.phases.test_holds import hits
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -25,14 +27,10 @@ LOCAL_ORDERS = {"se1": 2, "se2": 2, "midpoint": 3, "heun": 3, "rk4": 5}
 
 
 def swing(scheme: str = "se1", steps: int = 40, **others: object) -> mbocp.Problem:
+    words = {"goal": {"q": {"joint1": 1.0, "joint2": 0.6}, "v": 0}, **others}
+    start = {"q": {"joint1": 0.3, "joint2": -0.2}}
     return mbocp.Problem.create(
-        mbocp.load_robot("double_pendulum"),
-        1.0,
-        steps,
-        start={"q": {"joint1": 0.3, "joint2": -0.2}},
-        goal={"q": {"joint1": 1.0, "joint2": 0.6}, "v": 0},
-        scheme=scheme,
-        **others,
+        mbocp.load_robot("double_pendulum"), 1.0, steps, start=start, scheme=scheme, **words
     )
 
 
@@ -209,3 +207,29 @@ def test_parts_are_halved_until_the_flow_is_exact(own: float, expected: int) -> 
 @pytest.mark.parametrize(("parts", "expected"), [(2, 5), (16, 2), (64, 0)])
 def test_parts_are_not_shorter_than_the_shortest(parts: int, expected: int) -> None:
     assert errors._useful_halvings(1e-6, parts) == expected
+
+
+def test_a_step_that_is_wrong_by_far_is_no_motion() -> None:
+    """By a scheme of order one the velocities tell; no joint turns by 1 rad in a step."""
+    coarse = mbocp.solve(swing("se1", 5, goal={"q": [2.2, -1.5], "v": 0}, cost={"effort": 1.0}))
+    assert coarse.status == "under_resolved"
+    finer = mbocp.solve(swing("se1", 8, goal={"q": [2.2, -1.5], "v": 0}, cost={"effort": 1.0}))
+    assert finer.converged
+    assert re.search(r"; the step to t = .* s is wrong by 0\.\d+ rad at joint", finer.advice)
+    assert re.match(r"the step to t = 0\.8 s is wrong by 0\.56 rad at joint2", coarse.advice)
+
+
+def test_other_controls_than_those_of_the_motion_are_no_motion() -> None:
+    """By other schemes the flow tells."""
+    problem, never = swing("midpoint", 12), math.inf
+    found = mbocp.solve(problem, check=True)
+    assert with_accuracy(problem, found, never).converged
+    told = with_accuracy(problem, retold(found, us=found.us + 50.0), never)
+    assert told.status == "under_resolved"
+    assert re.match(r"the step to t = .* is wrong by .* rad at joint", told.advice)
+
+
+def test_velocities_tell_what_a_step_of_order_one_is_wrong_by() -> None:
+    found = solved(swing("se1"))
+    told = 0.5 * np.abs(np.diff(found.vs, axis=0)).max() * found.t[1]
+    assert told == pytest.approx(found.accuracy.local_error, rel=0.1)

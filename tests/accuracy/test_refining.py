@@ -314,6 +314,20 @@ def test_natural_coordinates(duration: float, asked: float) -> None:
     assert abs(s.cost / true - 1.0) <= 1.1 * s.accuracy.cost_error <= 1.1 * asked
 
 
+@pytest.mark.parametrize(("start", "goal"), [([0.46, -0.21], [1.47, 0.53]), ([-0.71, -0.24], [-1.58, 0.53])])
+def test_natural_coordinates_where_errors_of_costs_change_their_sign(
+    start: list[float], goal: list[float]
+) -> None:
+    """Costs with 8 steps are too large, with 16 to 500 too small: their differences tell a third of it."""
+    words: dict[str, Any] = {"start": {"q": start}, "goal": {"q": goal, "v": 0}, "cost": {"velocity": 0.1}}
+    case = mbocp.Problem.create("double_pendulum", 2.0, 100, scheme="gauss2", **words)
+    costs = [mbocp.solve(case.with_(num_steps=steps), check=True).cost for steps in (100, 200)]
+    true = costs[1] + (costs[1] - costs[0]) / 3.0
+    s = mbocp.solve(case.with_(coordinates="natural", scheme="midpoint", accuracy=0.03))
+    assert s.converged, s.advice
+    assert abs(s.cost / true - 1.0) <= 1.02 * s.accuracy.cost_error <= 1.02 * 0.03
+
+
 @pytest.mark.slow
 def test_around_obstacles() -> None:
     case = mbocp.load_problem(EXAMPLES / "arms/slalom.toml").with_(scheme="gauss2")

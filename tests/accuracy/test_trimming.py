@@ -12,8 +12,9 @@ import pytest
 
 import mbocp
 from mbocp.accuracy.costs import CostLimit
-from mbocp.accuracy.errors import motion_of, step_errors
+from mbocp.accuracy.errors import step_errors
 from mbocp.accuracy.mesh import ErrorTargets, lengths_for
+from mbocp.accuracy.of_solution import motion_of
 from mbocp.accuracy.rounds import Round
 from mbocp.cli.solution_summary import solution_rows
 from tests.phases.test_partings import thrown

@@ -11,7 +11,7 @@ import pinocchio as pin
 from tests.checker.implicit import ImplicitStep
 from tests.checker.system import Array, System
 
-__all__ = ["Stance", "Steps", "check_walk"]
+__all__ = ["Stance", "Steps", "check_walk", "foot_jacobian", "foot_place", "outside_cone"]
 
 _NO_TIME = 1e-12  # s
 _PARTS = 10  # of a step, between whose nodes feet are looked at
@@ -58,32 +58,32 @@ def check_walk(
     dts = np.diff(steps.t)
     weight = pin.computeTotalMass(system.model) * float(np.linalg.norm(system.model.gravity.linear))
     feet = sorted({foot for stance in stances for foot in stance.feet})
-    ground = min(_place(system, foot, steps.qs[0])[2] for foot in feet)
+    ground = min(foot_place(system, foot, steps.qs[0])[2] for foot in feet)
     landed: dict[str, Array] = {}
     before: tuple[str, ...] = stances[0].feet
     for stance in stances:
         for n in range(stance.first, stance.last):
             (q0, q1), (v0, v1) = steps.qs[n : n + 2], steps.vs[n : n + 2]
             if dts[n] < _NO_TIME:
-                leap, J = system.mass(q1) @ (v1 - v0), _jacobian(system, stance.feet, q1)
+                leap, J = system.mass(q1) @ (v1 - v0), foot_jacobian(system, stance.feet, q1)
                 impulses = _forces(J, leap)
                 size = max(float(np.abs(leap).max()), 1e-3 * weight * float(dts.max()))
                 note("impact", np.abs(leap - J.T @ impulses).max() / size)
                 note("slip", np.abs(J @ v1).max(initial=0.0))
                 is_landing = n == stance.first and not set(stance.feet) <= set(before)
-                outside = _outside(impulses, friction) / (weight * float(dts.max()))
+                outside = outside_cone(impulses, friction) / (weight * float(dts.max()))
                 note("impulse" if is_landing else "parting", outside)
                 continue
             step = ImplicitStep(system, scheme, float(dts[n]))
             x0, x1 = np.concatenate([q0, v0]), np.concatenate([q1, v1])
             rows, sizes = (part[system.nv :] for part in step.rows(x0, x1, np.zeros(0), steps.us[n]))
-            J = _jacobian(system, stance.feet, step.at(x0, x1)[0])
+            J = foot_jacobian(system, stance.feet, step.at(x0, x1)[0])
             forces = _forces(J, -rows / dts[n])
             note("dynamics", np.abs(rows + dts[n] * J.T @ forces).max() / sizes.max())
-            note("cone", _outside(forces, friction) / weight)
+            note("cone", outside_cone(forces, friction) / weight)
             path = [system.step(q0, part * system.away(q0, q1)) for part in np.linspace(0, 1, _PARTS + 1)]
             for foot in feet:
-                places = np.array([_place(system, foot, q) for q in path])
+                places = np.array([foot_place(system, foot, q) for q in path])
                 if foot in stance.feet:
                     off = np.linalg.norm(places - landed.setdefault(foot, places[0]), axis=1)
                     name = "stands"
@@ -96,12 +96,13 @@ def check_walk(
     return found
 
 
-def _place(system: System, foot: str, q: Array) -> Array:
+def foot_place(system: System, foot: str, q: Array) -> Array:
+    """Where the origin of a frame is [m]."""
     system.place(q)
     return np.array(system.data.oMf[system.model.getFrameId(foot)].translation)
 
 
-def _jacobian(system: System, feet: Sequence[str], q: Array) -> Array:
+def foot_jacobian(system: System, feet: Sequence[str], q: Array) -> Array:
     """Speeds of feet, in axes of the world."""
     system.place(q)
     rows = [
@@ -115,6 +116,7 @@ def _forces(jacobian: Array, wanted: Array) -> Array:
     return np.asarray(np.linalg.lstsq(jacobian.T, wanted, rcond=1e-10)[0])
 
 
-def _outside(forces: Array, friction: float) -> float:
+def outside_cone(forces: Array, friction: float) -> float:
+    """How far forces along x, y and z are outside the cone at most [N]."""
     x, y, normal = forces.reshape(-1, 3).T
     return float((np.hypot(x, y) - friction * normal).max(initial=0.0))

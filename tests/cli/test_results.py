@@ -142,6 +142,14 @@ def test_info_of_a_result_with_limits(folder: Path, run: Run) -> None:
     assert facts["limit_violation"] == 1e-9
 
 
+def test_info_counts_the_constraints_of_the_robot_and_not_those_of_its_bodies(folder: Path, run: Run) -> None:
+    words = {"scheme": "midpoint", "coordinates": "natural", "goal": {"q": {"crank": 1.5}, "v": 0}}
+    problem = mbocp.Problem.create("four_bar", 0.5, 8, start={"q": {"crank": 1.0}}, **words)
+    mbocp.solve(problem, check=True).save(folder / "four_bar.h5")
+    told = " ".join(run("info", "four_bar.h5").stdout.split())
+    assert "four_bar: 1 degree of freedom (3 velocities, 2 constraints)" in told
+
+
 def test_info_says_how_rotations_are_kept(folder: Path, run: Run) -> None:
     how = {"scheme": "rk4", "lie": "baumgarte", "rotations": "dcm"}
     drift = {"manifold_drifts": np.full(101, 3e-9), "manifold_drift_resimulated": 1e-15}

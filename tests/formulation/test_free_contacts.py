@@ -6,12 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
+from typer.testing import CliRunner
 
 import mbocp
+from mbocp.cli.app import app
 from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, parse_problem, problem_to_toml
+from tests.checker import read_system
+from tests.checker.free_feet import check_free_feet
+from tests.checker.walking import Steps, foot_place
 
 GRAVITY, FRICTION = 9.81, 0.8
 FACET = FRICTION / np.sqrt(2.0)  # of the pyramid within the cone
@@ -104,26 +108,17 @@ def test_a_block_falls_slides_and_stops(tmp_path: Path) -> None:
 
 def test_a_leg_finds_its_hop(hop: mbocp.Solution) -> None:
     """Forces balance momenta by Pinocchio's numbers; there is none in the air, and no foot in the ground."""
-    model = hop.problem.robot.model
-    data, foot = model.createData(), model.getFrameId("foot")
-    wrenches = hop.problem.contacts[0].wrenches(hop.lams)
-    heights, residuals = [], []
-    for n, dt in enumerate(np.diff(hop.t)):
-        q, v = hop.qs[n + 1], hop.vs[n + 1]
-        tau = pin.rnea(model, data, q, v, (v - hop.vs[n]) / dt).copy()
-        pin.computeJointJacobians(model, data, q)
-        pin.updateFramePlacements(model, data)
-        jacobian = pin.getFrameJacobian(model, data, foot, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[:3]
-        force = wrenches[n, [1, 2, 0]]
-        residuals.append(tau - jacobian.T @ force - np.append(np.zeros(3), hop.us[n]))
-        heights.append(data.oMf[foot].translation[2])
-    normal, height = wrenches[:, 0], np.array(heights)
-    np.testing.assert_allclose(residuals, 0.0, atol=1e-7)
-    assert (height > 1e-3).sum() >= 3  # it leaves the ground
-    assert height[:-2].min() > -1e-9
-    length = pin.centerOfMass(model, data, hop.qs[0])[2]
-    assert np.max(normal * height) < 1.01e-4 * length * hop.problem.contacts[0].scale
-    assert (np.abs(wrenches[:, 1]) <= FACET * normal + 1e-7).all()
+    robot, motion = hop.problem.robot, Steps(hop.t, hop.qs, hop.vs, hop.us)
+    forces = hop.problem.contacts[0].wrenches(hop.lams)[:, None, [1, 2, 0]]
+    system = read_system(str(robot.source), motors=["hip", "knee"])
+    heights = np.array([foot_place(system, "foot", q)[2] for q in hop.qs[1:]])
+    ground = foot_place(system, "foot", hop.qs[0])[2]
+    found = check_free_feet(system, ["foot"], motion, forces, FRICTION, ground)
+    assert (heights - ground > 1e-3).sum() >= 3  # it leaves the ground
+    assert found["dynamics"] < 1e-9
+    assert max(found["pulls"], found["cone"]) < 1e-9
+    assert found["below"] < 1.01e-3  # at the last two nodes
+    assert max(found["far"], found["drives"], found["slides"]) < 1.01e-4
     assert "contacts are found (experimental)" in hop.advice
 
 
@@ -139,6 +134,13 @@ def test_a_warm_start_is_the_motion(hop: mbocp.Solution) -> None:
     assert again.iterations <= 2
 
 
+def test_its_summary_counts_no_constraints(hop: mbocp.Solution, tmp_path: Path) -> None:
+    path = hop.save(tmp_path / "hop.h5")
+    told = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["info", str(path)]).output
+    assert "planar: 5 degrees of freedom, 2 controls" in told
+    assert "violated by" not in told.split("constraints", 1)[1].split("\n", 1)[0]
+
+
 def test_its_text_reads_back(hop: mbocp.Solution) -> None:
     text = problem_to_toml(hop.problem)
     assert 'contact = "free"' in text
@@ -151,7 +153,7 @@ def test_its_text_reads_back(hop: mbocp.Solution) -> None:
     [
         ({"integrator": {"scheme": "midpoint"}}, 'scheme = "midpoint"; take "se1"'),
         ({"ground": {**GROUND, "lift": 0.01}}, "ground.lift"),
-        ({"ground": {**GROUND, "friction": 0.0}}, "friction > 0"),
+        ({"ground": {**GROUND, "friction": 0.0}}, "a ground without friction"),
         ({"ground": {**GROUND, "height": 0.1}}, "below the ground"),
         ({"start": {"free": {"v": True}}}, "start.free"),
         ({"robust": {"start": {"v": 0.1}}}, r"\[robust\]"),

@@ -232,17 +232,16 @@ def test_offsets_of_joints_are_found(ur5, truth):
 def test_rotors_and_currents(ur5, truth):
     model = pin.Model(truth.model)
     model.armature = np.array([1.0, 1.0, 0.8, 0.3, 0.3, 0.2])
-    log = simulate_log(replace(truth, model=model), duration=4.0)
+    log = simulate_log(replace(truth, model=model), duration=4.0, rate=50.0)
     joints = {
         name: {"q": columns["q"], "current": columns["tau"] / 11.0} for name, columns in log.joints.items()
     }
     constants = dict.fromkeys(joints, 11.0)
     found = identify(ur5, Log(log.t, joints), rotors=True, torque_constants=constants)
-    rotors = {
-        label.name: (value, sd) for label, value, sd in zip(found.labels, found.values, found.sd, strict=True)
-    }
-    value, sd = rotors["robot.joint.elbow_joint.rotor"]
-    assert value == pytest.approx(0.8, abs=4.0 * sd)
+    at = [k for k, label in enumerate(found.labels) if label.name.endswith(".rotor")]
+    off = (found.values[at] - model.armature) / found.sd[at]
+    assert np.abs(off).max() < 3.0  # that of wrist 3 is eleven times what else turns there
+    assert found.sd[at][2:].max() < 0.01
     with pytest.raises(LogError, match=r"shoulder_pan_joint\.current: give the torque constant"):
         identify(ur5, Log(log.t, joints))
     with pytest.raises(UnknownJoint, match="elbow"):

@@ -28,6 +28,7 @@ from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
 from mbocp.problem.file.start_tables import ViaTable
+from mbocp.problem.free_contact_bounds import refuse_beside_free
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.timeline.hold import FreeContact, Hold
 from mbocp.problem.timeline.phase import MEETINGS
@@ -142,13 +143,9 @@ def on_ground(
 
 
 def _check_free(table: GroundTable, phases: Sequence[PhaseTable], start_free: FreeStart | None) -> None:
-    """Refuse what contacts that are found do not go with.
-
-    Raises
-    ------
-    ProblemError
-    """
-    not_beside = {
+    """Refuse what is said of ground, phases and start that contacts that are found do not go with."""
+    others = {
+        "a ground without friction": not table.friction,
         "ground.heights": table.heights is not None,
         "ground.sole": table.sole is not None,
         "ground.lift": table.lift > 0.0,
@@ -157,10 +154,7 @@ def _check_free(table: GroundTable, phases: Sequence[PhaseTable], start_free: Fr
         "contacts of phases, or a gait": any(phase.contacts is not None for phase in phases),
         "holds of phases": any(phase.hold or phase.release for phase in phases),
     }
-    if not table.friction:
-        raise ProblemError('ground.contact: "free" needs a friction > 0')
-    if found := [key for key, is_said in not_beside.items() if is_said]:
-        raise ProblemError(f'ground.contact: "free" does not go with {found[0]}; leave one of them out')
+    refuse_beside_free(others)
 
 
 class _Swing(NamedTuple):
