@@ -38,7 +38,7 @@ class ForceSource:
     places : tuple of int
         Of these rows among all that have forces: those of the robot, then those of what is held.
     acts : ndarray of bool, shape (N,), optional
-        Steps that take time and in which it acts; None: all.
+        Steps that take time and in which it acts, but those before a parting; None: all.
     hits : ndarray of bool, shape (N,), optional
         Impacts in which it acts; no partings. None: there are none.
     parts : ndarray of bool, shape (N,), optional
@@ -310,9 +310,14 @@ def _holds_by_name(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
 
 
 def _acts(table: SwitchTable, rows: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Steps that take time and in which a constraint of these rows acts, and such impacts and partings."""
+    """Steps that take time and in which a constraint of these rows acts, and such impacts and partings.
+
+    A parting stands for the step before it, too: the sum of both forces is bounded, which alone counts.
+    """
     acts: BoolArray = np.asarray(rows.any(axis=1))
-    return acts & ~table.is_impact, acts & table.is_impact & table.begins_something, acts & table.is_parting
+    parts = acts & table.is_parting
+    alone = ~table.is_impact & ~np.append(parts[1:], False)
+    return acts & alone, acts & table.is_impact & table.begins_something, parts
 
 
 def contact_bounds(

@@ -46,7 +46,7 @@ def check_walk(
     dict of str to float
         "dynamics", "impact": what no force of the feet balances, as a part of what cancels. "cone",
         "impulse": how far forces, and impulses where feet land, are outside the cone [weight, of impulses in
-        a step], "parting": forces of a last step with the impulses of the parting after it. "slip": speed of
+        a step], "parting": that of a last step, forces and impulses of the parting after it. "slip": speed of
         feet that stand after an impact [m/s]. "stands", "below": how far feet are from where they landed, and
         in the air below the ground [m]; "stands between", "below between": beside nodes, too, on geodesics
         from node to node.
@@ -84,7 +84,8 @@ def check_walk(
             J = _jacobian(system, stance.feet, step.at(x0, x1)[0])
             forces = _forces(J, -rows / dts[n])
             note("dynamics", np.abs(rows + dts[n] * J.T @ forces).max() / sizes.max())
-            note("cone", _outside(forces, friction) / weight)
+            if n + 1 == stance.last or dts[n + 1] > _NO_TIME:
+                note("cone", _outside(forces, friction) / weight)
             path = [system.step(q0, part * system.away(q0, q1)) for part in np.linspace(0, 1, _PARTS + 1)]
             for foot in feet:
                 places = np.array([_place(system, foot, q) for q in path])

@@ -93,7 +93,7 @@ def test_partings_are_bounded_with_the_step_before() -> None:
     assert contact.hits is not None
     assert contact.steps is not None
     assert np.flatnonzero(contact.hits).tolist() == [6]
-    assert np.flatnonzero(contact.steps).tolist() == [6, 7, 8, 9, 10]
+    assert np.flatnonzero(contact.steps).tolist() == [6, 7, 8, 10]
 
 
 @pytest.mark.parametrize(
