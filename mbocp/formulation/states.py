@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass
+from mbocp.formulation.features.changing_constraints import join_partings
 from mbocp.formulation.features.feature import Feature, join
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, Passage
@@ -81,7 +82,7 @@ class States:
         is_impact = problem.timeline.is_impact
         still = np.zeros((1, problem.robot.nq)), np.zeros((1, problem.robot.nv))  # nobody looks at them
         motion, lams = self.read(still, xs, us), np.zeros((len(is_impact), 0)) if lams is None else lams
-        forces = np.where(is_impact[:, None], lams / problem.dt, lams)
+        forces = join_partings(problem, np.where(is_impact[:, None], lams / problem.dt, lams))
         units = join(feature.units(problem) for feature in features)
         given = join(feature.stage_numbers(problem) for feature in features)
         for_all = join(feature.numbers(problem) for feature in features)

@@ -18,9 +18,10 @@ The same step is a *parting* where it is the last of a hold: a step keeps places
 and with them means of velocities alone. By the midpoint rule :math:`J v_n` alternates about zero, within the
 range of :math:`J M^{-1} J^T`; by SE1 it is that of the chord. Before anything is let go, a parting takes out
 just that part, :math:`v_1 = v_0 - M^{-1} J^T \Lambda` with :math:`J v_1 = 0`, as RATTLE does in every step
-([Hairer2006]_, VII.1): momenta are kept, and what flies off has the velocity that the hold allows. An
-equation :math:`J v_n = 0` in the place of this step would leave motions without controls no solution, and
-ask of the others that their errors cancel.
+([Hairer2006]_, VII.1): momenta are kept, and what flies off has the velocity that the hold allows. Its
+impulse belongs to the last step, as both of RATTLE's multipliers do, and bounds on forces hold for their
+sum. An equation :math:`J v_n = 0` in the place of this step would leave motions without controls no solution,
+and ask of the others that their errors cancel.
 """
 
 from __future__ import annotations

@@ -38,9 +38,11 @@ class ForceSource:
     places : tuple of int
         Of these rows among all that have forces: those of the robot, then those of what is held.
     acts : ndarray of bool, shape (N,), optional
-        Steps that take time and in which it acts; None: all.
+        Steps that take time and in which it acts, but those before a parting; None: all.
     hits : ndarray of bool, shape (N,), optional
         Impacts in which it acts; no partings. None: there are none.
+    parts : ndarray of bool, shape (N,), optional
+        Partings in which it acts, with the force of the step before. None: there are none.
     """
 
     constraint: Constraint
@@ -48,6 +50,7 @@ class ForceSource:
     places: tuple[int, ...]
     acts: BoolArray | None = None
     hits: BoolArray | None = None
+    parts: BoolArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +150,8 @@ class ContactBounds(BoundedTerm):
     @property
     def steps(self) -> BoolArray | None:
         """Steps whose force or impulse is bounded, shape (N,); None: all."""
-        acts, hits = self.source.acts, self.hits
-        return acts if acts is None or hits is None else acts | hits
+        acts, hits, parts = self.source.acts, self.hits, self.source.parts
+        return acts if acts is None or hits is None or parts is None else acts | hits | parts
 
     def bounds_of_impulses(self, *, is_inner: bool) -> tuple[Array, Array]:
         """Bounds of the values in impacts, or of the expression: cones and signs, with room for none.
@@ -288,8 +291,8 @@ def force_sources(robot: Robot, table: SwitchTable | None) -> dict[str, ForceSou
     for constraint in robot.constraints:
         rows = tuple(i for i in range(len(constraint.rows)) if first + i in places)
         own = tuple(places[first + i] for i in rows)
-        both = (None, None) if table is None else _acts(table, table.own[:, list(own)])
-        found[constraint.name] = ForceSource(constraint, rows, own, *both)
+        when = () if table is None else _acts(table, table.own[:, list(own)])
+        found[constraint.name] = ForceSource(constraint, rows, own, *when)
         first += len(constraint.rows)
     return found if table is None else found | _holds_by_name(table, robot.nc)
 
@@ -306,11 +309,15 @@ def _holds_by_name(table: SwitchTable, nc: int) -> dict[str, ForceSource]:
     return found
 
 
-def _acts(table: SwitchTable, rows: BoolArray) -> tuple[BoolArray, BoolArray]:
-    """Steps that take time and in which a constraint of these rows acts, and impacts in which it does."""
+def _acts(table: SwitchTable, rows: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """Steps that take time and in which a constraint of these rows acts, and such impacts and partings.
+
+    A parting stands for the step before it, too: the sum of both forces is bounded, which alone counts.
+    """
     acts: BoolArray = np.asarray(rows.any(axis=1))
-    begins = np.isin(np.arange(len(acts)), [begin.step for begin in table.begins])
-    return acts & ~table.is_impact, acts & table.is_impact & begins
+    parts = acts & table.is_parting
+    alone = ~table.is_impact & ~np.append(parts[1:], False)
+    return acts & alone, acts & table.is_impact & table.begins_something, parts
 
 
 def contact_bounds(

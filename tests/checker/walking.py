@@ -45,10 +45,11 @@ def check_walk(
     -------
     dict of str to float
         "dynamics", "impact": what no force of the feet balances, as a part of what cancels. "cone",
-        "impulse", "parting": how far forces, and impulses where feet land or part, are outside the cone
-        [weight, of impulses in a step]. "slip": speed of feet that stand after an impact [m/s]. "stands",
-        "below": how far feet are from where they landed, and in the air below the ground [m]; "stands
-        between", "below between": beside nodes, too, on geodesics from node to node.
+        "impulse": how far forces, and impulses where feet land, are outside the cone [weight, of impulses in
+        a step], "parting": that of a last step, forces and impulses of the parting after it. "slip": speed of
+        feet that stand after an impact [m/s]. "stands", "below": how far feet are from where they landed, and
+        in the air below the ground [m]; "stands between", "below between": beside nodes, too, on geodesics
+        from node to node.
     """
     found: dict[str, float] = {}
 
@@ -62,6 +63,7 @@ def check_walk(
     landed: dict[str, Array] = {}
     before: tuple[str, ...] = stances[0].feet
     for stance in stances:
+        forces = np.zeros(3 * len(stance.feet))
         for n in range(stance.first, stance.last):
             (q0, q1), (v0, v1) = steps.qs[n : n + 2], steps.vs[n : n + 2]
             if dts[n] < _NO_TIME:
@@ -71,8 +73,10 @@ def check_walk(
                 note("impact", np.abs(leap - J.T @ impulses).max() / size)
                 note("slip", np.abs(J @ v1).max(initial=0.0))
                 is_landing = n == stance.first and not set(stance.feet) <= set(before)
-                outside = outside_cone(impulses, friction) / (weight * float(dts.max()))
-                note("impulse" if is_landing else "parting", outside)
+                if is_landing:
+                    note("impulse", _outside(impulses, friction) / (weight * float(dts.max())))
+                else:
+                    note("parting", _outside(forces + impulses / dts[n - 1], friction) / weight)
                 continue
             step = ImplicitStep(system, scheme, float(dts[n]))
             x0, x1 = np.concatenate([q0, v0]), np.concatenate([q1, v1])
@@ -80,7 +84,8 @@ def check_walk(
             J = foot_jacobian(system, stance.feet, step.at(x0, x1)[0])
             forces = _forces(J, -rows / dts[n])
             note("dynamics", np.abs(rows + dts[n] * J.T @ forces).max() / sizes.max())
-            note("cone", outside_cone(forces, friction) / weight)
+            if n + 1 == stance.last or dts[n + 1] > _NO_TIME:
+                note("cone", _outside(forces, friction) / weight)
             path = [system.step(q0, part * system.away(q0, q1)) for part in np.linspace(0, 1, _PARTS + 1)]
             for foot in feet:
                 places = np.array([foot_place(system, foot, q) for q in path])

@@ -18,15 +18,15 @@ PENDULUM: dict[str, Any] = {"name": "double_pendulum", "payload": pendulum().rob
 MU = 0.2
 
 
-def lands(coordinates: str = "joint", **contact: Any) -> Problem:
+def lands(coordinates: str = "joint", rest: Any = 0.1, kind: str = "point", **contact: Any) -> Problem:
     """The tip of a double pendulum swings onto a point, and rests there on what pushes along y."""
-    hold = {"name": "tip", "frame": "tip", "kind": "point"}
-    path = {"kind": "contact_force", "constraint": "tip", "normal": [0, 1, 0], "friction": MU, **contact}
+    hold = {"name": "tip", "frame": "tip", "kind": kind, **({"axis": [0, 0, 1]} if kind == "line" else {})}
+    path = {"kind": "contact_force", "constraint": "tip", "normal": [0, 1, 0], "friction": MU} | contact
     y, z = pendulum().robot.frame_placement("tip", [-0.2, 0.9]).translation[1:]
     there = {"frame": {"name": "tip", "y": float(y), "z": float(z)}}
     phases = [
         {"name": "fall", "steps": 6, "duration": 0.3, "via": [there]},
-        {"name": "rest", "steps": 3, "duration": 0.1, "hold": [hold], "path": [path]},
+        {"name": "rest", "steps": 3, "duration": rest, "hold": [hold], "path": [path]},
         {"name": "off", "steps": 3, "duration": 0.2},
     ]
     goal = {"q": [-0.5, 0.7]}
@@ -86,14 +86,30 @@ def test_newtons_bound_no_impulse() -> None:
     assert upper.tolist() == [np.inf, np.inf]
 
 
-def test_partings_are_not_bounded() -> None:
+def test_partings_are_bounded_with_the_step_before() -> None:
     problem = lands()
     assert problem.impacts == (6, 10)
     (contact,) = problem.contacts
     assert contact.hits is not None
     assert contact.steps is not None
     assert np.flatnonzero(contact.hits).tolist() == [6]
-    assert np.flatnonzero(contact.steps).tolist() == [6, 7, 8, 9]
+    assert np.flatnonzero(contact.steps).tolist() == [6, 7, 8, 10]
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "rest"), [("joint", 0.1), ("joint", {"min": 0.05, "max": 0.12}), ("natural", 0.1)]
+)
+def test_a_parting_pulls_no_more_than_the_last_step_pushes(coordinates: str, rest: Any) -> None:
+    """The tip slides along a wall, which is to push where it would pull: together they are nothing."""
+    problem = lands(coordinates, rest, kind="line", normal=[0, -1, 0], min_normal=0.0, friction=None)
+    solution = mbocp.solve(problem, check=True)
+    table, step = problem.timeline.switches, problem.impacts[1]
+    assert table is not None
+    own = solution.lams[:, -table.rows.shape[1] :]  # bodies' rows come first
+    forces = problem.contacts[0].wrenches(own)[:, 0]
+    from_parting = forces[step] / (solution.t[step] - solution.t[step - 1])
+    assert from_parting < -1e-4  # [N], by what steps of the midpoint rule leave
+    assert forces[step - 1] + from_parting == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_key_is_written_and_read() -> None:

@@ -25,6 +25,7 @@ from mbocp.terms.contact import ContactTerm
 
 _ACTIVE = "active"  # the stage parameters e
 _IS_IMPACT = "is_impact"  # the stage parameter k
+_JOINS = "joins"  # what of the force before a parting is part of its impulse, 0 in other steps
 
 
 @dataclass(frozen=True)
@@ -215,15 +216,24 @@ def violation_within(problem: Problem, qs: Array) -> float:
 
 @dataclass(frozen=True)
 class Reactions(Feature):
-    """Rows of the robot's constraints whose forces states remember, in rising order."""
+    """Forces of the robot's constraints that states remember; in a parting that of the step before with it.
+
+    Attributes
+    ----------
+    rows : tuple of int
+        Which ones, in rising order.
+    has_partings : bool
+    """
 
     rows: tuple[int, ...]
+    has_partings: bool = False
 
     @classmethod
     def of(cls, problem: Problem, asked: StepRequests) -> Reactions | None:
         """Return those that path constraints look at."""
         rows = _rows_of(term for term in asked.path if isinstance(term, ContactTerm))
-        return cls(rows) if rows else None
+        table = problem.timeline.switches
+        return cls(rows, table is not None and bool(table.is_parting.any())) if rows else None
 
     def blocks(self, ns: int, nu: int) -> tuple[Block, ...]:
         """A force for each; impacts have impulses in their place."""
@@ -232,11 +242,21 @@ class Reactions(Feature):
     @property
     def state_key(self) -> Mapping[str, Any]:
         """Which rows they are."""
-        return {"reactions": self.rows}
+        return {"reactions": self.rows} | ({"has_partings": True} if self.has_partings else {})
+
+    @property
+    def stage_parameters(self) -> Mapping[str, int]:
+        """Which steps are partings."""
+        return {_JOINS: 1} if self.has_partings else {}
+
+    def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
+        """Length of the step before a parting by that by which its impulse is divided."""
+        return {_JOINS: _joins(problem)} if self.has_partings else {}
 
     def next_value(self, name: str, step: Passage) -> Any:
         """Forces in the step."""
-        return step.forces(self.rows) / step.units[name]
+        forces = step.forces(self.rows) / step.units[name]
+        return forces + step.given[_JOINS] * step.before[name] if self.has_partings else forces
 
     def show(self, name: str, value: ca.SX) -> ca.SX:
         """Forces at their rows, and zeros at those that are not remembered."""
@@ -252,6 +272,22 @@ class Reactions(Feature):
         """Of which constraint."""
         labels = labels_of(problem)
         return [f"force of {labels[row].name}" for row in self.rows]
+
+
+def _joins(problem: Problem) -> Array:
+    table, dts = problem.timeline.switches, fill_lengths(problem, problem.timeline.lengths())
+    assert table is not None
+    before = np.append(1.0, dts[:-1]) / dts
+    # lengths that are found are those of the phase, in its parting, too
+    return np.where(table.is_parting, 1.0 if problem.timeline.has_free_lengths else before, 0.0)[:, None]
+
+
+def join_partings(problem: Problem, forces: Array) -> Array:
+    """Forces (N, any), in partings with those of the steps before."""
+    table = problem.timeline.switches
+    if table is None:
+        return forces
+    return forces + _joins(problem) * np.vstack([np.zeros_like(forces[:1]), forces[:-1]])
 
 
 def _rows_of(terms: Iterable[ContactTerm]) -> tuple[int, ...]:

@@ -100,6 +100,17 @@ class SwitchTable:
             found[step] = np.where(acts, np.where(before < 0, step, before), -1)
         return found
 
+    @cached_property
+    def begins_something(self) -> BoolArray:
+        """Steps in which a constraint is taken on, shape (N,)."""
+        return np.isin(np.arange(len(self.is_impact)), [begin.step for begin in self.begins])
+
+    @cached_property
+    def is_parting(self) -> BoolArray:
+        """Steps that are partings and follow one that takes time, shape (N,)."""
+        follows = np.append(False, ~self.is_impact[:-1])
+        return np.asarray(self.is_impact & ~self.begins_something & follows)
+
     @property
     def last_timed_step(self) -> int:
         """The last step that takes time."""
