@@ -171,7 +171,8 @@ class Problem(ProblemData):
         **changes
             Fields of this class, or words of `create`: of a table only the keys that are given change
             (``cost={"velocity": 1.0}``), `guess`, `via` and `path` are replaced as a whole, so are `limits`
-            that give a `profile`. A `frame` takes the place of a `q` of the goal that gives every joint.
+            that give a `profile`, whose rows of `path` come and go with it. A `frame` takes the place of a
+            `q` of the goal that gives every joint.
 
         Raises
         ------
@@ -179,7 +180,7 @@ class Problem(ProblemData):
             If there is no such field or word, or a value is of the wrong kind.
         """
         written = partial(write_tables, self)
-        document, has_tables = change_document(self.document, changes, self.timeline, written)
+        document, has_tables = change_document(self.document, changes, self.timeline, written, self.path)
         with in_file(document.label) if has_tables else nullcontext():
             return type(self).of(document, self)
 

@@ -139,7 +139,7 @@ class Joints:
         at_accelerations = at_jerks = t
         if curves.accelerations is None:
             times = sample_times(curves, rate)
-            speeds = curves.at(times)[1]
+            places, speeds = curves.at(times)[:2]
             if rate is None and not self.is_joined:
                 accelerations, at_accelerations = differences(speeds, times)
             if rate is not None and len(times) > 2:  # a sample before, and one after
@@ -150,12 +150,21 @@ class Joints:
                 times = np.concatenate([[-1.0 / rate], times, [times[-1] + 1.0 / rate]])
                 speeds = np.vstack([before, speeds, after])
             jerks, at_jerks = differences(*differences(speeds, times))
+            if rate is not None:  # controllers that are sent positions see their third differences
+                third, thirds = _third_differences(places[:-1], rate)
+                jerks, at_jerks = np.vstack([jerks, third]), np.append(at_jerks, thirds)
         return {
             "position": (positions, t),
             "speed": (velocities, t),
             "acceleration": (accelerations, at_accelerations),
             "jerk": (jerks, at_jerks),
         }
+
+
+def _third_differences(positions: Array, rate: float) -> tuple[Array, Array]:
+    """Of samples from the start on, all as far apart, and their times [s]."""
+    third = np.diff(positions, 3, axis=0) * rate**3
+    return third, np.arange(1.5, len(third) + 1.0) / rate
 
 
 def read_joints(solution: SolutionData, *, is_joined: bool) -> tuple[Joints, Curves, float]:

@@ -124,13 +124,18 @@ def _beyond(constraint: BoundedTerm, motion: _Motion, problem: Problem, rows: Bo
     at_nodes = np.logical_and(constraint.nodes(problem.num_steps, problem.dt), rows)
     at_start = np.logical_and(at_nodes[:1], constraint.span.has_start)
     held = motion.within(np.vstack([at_start, at_nodes]))
-    values = constraint.values_along(problem.robot, motion.qs, motion.vs, motion.us, motion.rates)
+    some = held.any(axis=1)  # a path that is followed begins where these do
+    if not some.any():
+        return
+    states = (motion.qs[some], motion.vs[some], motion.us[some], motion.rates[some])
+    values = constraint.values_along(problem.robot, *states)
     for k, label in enumerate(constraint.labels):
-        row, bounds = held[:, k], np.array([constraint.lower[k], constraint.upper[k]])
-        is_plain = label.unit in PATH_TOLERANCES
-        tolerance, size = PATH_TOLERANCES.get(label.unit, PATH_TOLERANCE_PART), 1.0 if is_plain else None
+        row, bounds = held[some, k], np.array([constraint.lower[k], constraint.upper[k]])
+        is_plain, of_bounds = label.unit in PATH_TOLERANCES, np.abs(bounds[np.isfinite(bounds)])
+        tolerance = PATH_TOLERANCES.get(label.unit, PATH_TOLERANCE_PART)
+        size = 1.0 if is_plain else max([constraint.size, *of_bounds])
         yield from find_excesses(
-            "path", label.name, values[row, k], bounds, motion.t[row], label.unit, tolerance, size
+            "path", label.name, values[row, k], bounds, motion.t[some][row], label.unit, tolerance, size
         )
 
 

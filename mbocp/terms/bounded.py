@@ -95,6 +95,11 @@ class BoundedTerm:
         return {}
 
     @property
+    def size(self) -> float:
+        """Of what its equations are errors from, in units of its own; 0 where bounds say all."""
+        return 0.0
+
+    @property
     def inner_bounds(self) -> tuple[Array, Array]:
         """Bounds of the expression, shapes (rows,)."""
         return self.lower, self.upper

@@ -12,7 +12,16 @@ from mbocp._arrays import dataclass
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.robot import Label, Robot
-from mbocp.terms.path_term import COSINE, SQUARE, PathNumbers, PathTerm, finite_bounds, one_bound
+from mbocp.terms.path_term import (
+    COSINE,
+    SQUARE,
+    VALUE,
+    Measure,
+    PathNumbers,
+    PathTerm,
+    finite_bounds,
+    one_bound,
+)
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Range, Triple
 
@@ -159,21 +168,60 @@ class _SpeedBounds(PathTerm):
 
 @dataclass(frozen=True)
 class Speed(_SpeedBounds):
-    """Speed of the frame's origin."""
+    """Speed of the frame's origin, or its velocity along a direction in the world."""
+
+    is_along: bool = False
 
     kind = "speed"
     unit = "m/s"
-    sizes = _HISTORIC
 
     class Keys(Table):
         """Keys."""
 
         min: Annotated[Bound, Key("of a speed; both equal: a constant one", "m/s", beside=("max",))] = None
         max: Bound = None
+        direction: Triple = None
+
+    @classmethod
+    def of(cls, given: PathNumbers) -> Speed:
+        """With what it has a direction."""
+        return cls(given.frame, "direction" in given.further)
+
+    @property
+    def sizes(self) -> Mapping[str, int]:  # type: ignore[override]
+        """The direction, if there is one."""
+        return {"direction": 3} if self.is_along else _HISTORIC
+
+    @classmethod
+    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
+        """Bounds, and the direction."""
+        along = {"direction": given["direction"]} if "direction" in given else {}
+        return {**along, **one_bound(given, key)}
+
+    @classmethod
+    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
+        """Bounds, and the direction."""
+        along = {"direction": given.number("direction")} if cls.of(given).is_along else {}
+        return {**along, **finite_bounds(given)}
+
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse a vector without a direction."""
+        along = given.number("direction") if cls.of(given).is_along else np.ones(3)
+        if not (np.isfinite(along).all() and along.any()):
+            raise InvalidValue(f"{key}: direction", along.tolist(), "a direction")
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
-        """Square of the speed [m^2/s^2]."""
-        return ca.sumsqr(at.mechanics.frame_translation_jacobian(self.frame, at.q) @ at.v)
+        """Square of the speed [m^2/s^2]; along a direction the velocity [m/s]."""
+        velocity = at.mechanics.frame_translation_jacobian(self.frame, at.q) @ at.v
+        if self.is_along:
+            return ca.dot(p["direction"], velocity) / ca.norm_2(p["direction"])
+        return ca.sumsqr(velocity)
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """Of a velocity itself: that is smooth at zero."""
+        return (VALUE if self.is_along else SQUARE,)
 
 
 @dataclass(frozen=True)
@@ -210,7 +258,8 @@ class Orientation(PathTerm):
         axis: Annotated[
             Triple,
             Key(
-                'of an `"orientation"`: axis in the frame, direction in the world; of a `"follow"` the axis',
+                'of an `"orientation"`: axis in the frame, direction in the world; of a `"follow"` the axis; '
+                "of a speed the direction",
                 default="z",
                 beside=("direction",),
             ),

@@ -263,6 +263,23 @@ def test_a_tool_moves_at_a_constant_speed_between_lead_in_and_lead_out() -> None
     assert speeds[[0, -1]] == pytest.approx(np.zeros(2), abs=1e-6)
 
 
+def test_a_speed_along_a_direction_has_a_sign(load: Loader) -> None:
+    along = '{kind="speed", frame="tool0", direction=[0,-2,0], min=-0.3, max=0.2}'
+    problem = load(f"path=[{along}]")
+    (row,), robot, q = problem.path, problem.robot, problem.q_start
+    v = np.linspace(0.1, 0.6, robot.nv)
+    pin.forwardKinematics(robot.model, data := robot.model.createData(), q, v)
+    velocity = pin.getFrameVelocity(
+        robot.model, data, robot.frame_id("tool0"), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    )
+    for sign in (1.0, -1.0):
+        np.testing.assert_allclose(row.values(robot, q, sign * v), [-sign * velocity.linear[1]], atol=1e-12)
+    again = parse_problem(problem_to_toml(problem))
+    np.testing.assert_array_equal(again.path[0].number("direction"), [0, -2, 0])
+    with pytest.raises(ProblemError, match="a direction"):
+        load(f"path=[{along.replace('-2', '0')}]")
+
+
 def test_a_least_speed_all_the_way_is_refused_where_a_motion_rests(load: Loader) -> None:
     with pytest.raises(ProblemError, match=r"below its bound 0\.1"):
         load("path=[{kind='speed', frame='tool0', min=0.1}]".replace("'", '"'))

@@ -10,7 +10,7 @@ import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sent import amid
+from tests.sent import amid, seams
 from tests.sent.cases import ROBOTS, TOLERANCE, row_of, time_to_brake
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
@@ -51,6 +51,20 @@ def test_what_begins_moving_goes_on_from_what_was_sent(name: str, tmp_path: Path
     assert max(row["violations"].values()) <= 1e-6
     assert row["away"] < 1e-9
     assert row["longer"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("name", "speed", "is_curved"),
+    [("ur5e", 0.1, False), ("fr3", 0.05, False), ("ur5e", 0.1, True)],
+)
+def test_a_tool_goes_along_a_seam_at_a_steady_speed(
+    name: str, speed: float, tmp_path: Path, *, is_curved: bool
+) -> None:
+    row = seams.row_of(name, speed, tmp_path, is_curved=is_curved)
+    assert row["status"] == "converged"
+    assert row["violation"] <= 1e-6
+    assert row["off"] <= seams.MOST_OFF
+    assert row["aside"] <= 2.0 * seams.TUBE
 
 
 @settings(max_examples=30)

@@ -13,6 +13,8 @@ from scipy.integrate import quad
 from mbocp.solution import Column, Solution
 from mbocp.solution.curves import Curves
 from mbocp.solution.export_formats import what_helps
+from mbocp.solution.joints_sent import Joints
+from mbocp.solution.nearest import Ends
 from mbocp.solution.problem_facts import Facts
 from mbocp.solution.sampled import sample
 from mbocp.solution.sent import motion_as_sent
@@ -216,3 +218,17 @@ def test_a_joint_with_a_limit_of_jerk_that_stands_still_asks_for_nothing() -> No
     sent = motion_as_sent(solution, 125.0, fit=True)
     assert sent.excesses == ()
     assert sent.slower >= np.sqrt(4.0 / 3.5) * (1.0 - 1e-3)
+
+
+def test_a_leap_between_two_samples_is_a_jerk_of_positions() -> None:
+    """Half of it in each of two differences of speeds, three quarters in one of positions."""
+    rate, leap, most = 1000.0, 1.6, 1000.0  # [1/s], rad/s^2, rad/s^3
+    nodes = np.array([0.0, 0.5005, 1.001])
+    since = np.maximum(nodes - nodes[1], 0.0)[:, None]
+    curves = Curves(nodes, nodes[:, None] + leap * since**2 / 2.0, 1.0 + leap * since)
+    ends = Ends(np.array([np.nan]), np.array([True]), np.array([False]))
+    joints = Joints(("j",), ("rad/s",), {"jerk": np.array([[-most], [most]])}, ((),), ends, is_joined=False)
+    (excess,) = joints.excesses(curves, rate)
+    assert excess.value == pytest.approx(0.75 * leap * rate, rel=1e-6)
+    assert excess.time == pytest.approx(nodes[1], abs=1e-9)
+    assert joints.factor(curves, rate) > 1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.document import UNSAID, Document, robot_in
 from mbocp.problem.file.goal_table import GoalMemberTable
 from mbocp.problem.file.overrides import SHORT
+from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.read_tables import READ, ProblemTable
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
@@ -71,7 +72,11 @@ Written = Callable[[], Mapping[str, Any]]
 
 
 def change_document(
-    document: Document, changes: Mapping[str, Any], made: Timeline, written: Written
+    document: Document,
+    changes: Mapping[str, Any],
+    made: Timeline,
+    written: Written,
+    path: Sequence[object] = (),
 ) -> tuple[Document, bool]:
     """Return the document with `changes`, and whether tables are among them.
 
@@ -84,6 +89,8 @@ def change_document(
         That of the problem that was made from the document.
     written : callable
         Returns the tables of that problem: those of values that are changed by their keys are taken from it.
+    path : sequence of BoundedTerm
+        Its path constraints: those of a profile stay with the profile, whatever path is given.
 
     Raises
     ------
@@ -93,12 +100,18 @@ def change_document(
     values = dict(changes)
     if "steps" in values:
         values["num_steps"] = values.pop("steps")
+    if "path" in values and _changes_profile(values) and not _is_table("path", values["path"]):
+        own = [row for row in values["path"] if not _is_of_profile(row)]
+        values["path"] = path_tables(document.robot, own)
     tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
     _check_words(values)
     changed = _with_tables(document, tables, written)
     changed = _with_horizon(changed, tables, values, made)
     changed = _with_integrator(changed, values)
     given = {FIELDS[name][0]: _value_of(name, values[name]) for name in FIELDS.keys() & values.keys()}
+    if "said_path" in given:
+        rows = (row for row in given["said_path"] if not _is_of_profile(row))
+        given["said_path"] = (*rows, *filter(_is_of_profile, path))
     if "said_goal" in given:
         given.setdefault("goals", ())  # in the place of several
     if "said_phase" in given:
@@ -151,15 +164,20 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
         found[name] = _change_table(name, found.get(name), plain(value))
     if of_profile and "profile" not in found.get("limits", {}):  # of a result, which has them as numbers
         found["path"] = [*found["path"], *of_profile]
-    if "profile" in tables.get("limits", {}):
+    if _changes_profile(tables):
+        if values.pop("said_path", None) is not None:
+            found["path"] = written().get("path", ())
         found["path"] = [row for row in found.get("path", ()) if not row.get("profile")]
-        if "said_path" in values:
-            values["said_path"] = tuple(row for row in values["said_path"] if not _is_of_profile(row))
     if "phase" in tables:  # it says how long all is, and what is held
         found["horizon"] = _without(found.get("horizon", {}), "duration", "steps", "lengths")
         values = {key: value for key, value in values.items() if key not in ("said_holds", "said_releases")}
         values.pop("said_impacts", None)
     return replace(document, tables=found, values=values)
+
+
+def _changes_profile(changes: Mapping[str, Any]) -> bool:
+    limits = changes.get("limits")
+    return isinstance(limits, Mapping) and "profile" in limits
 
 
 def _is_of_profile(row: object) -> bool:

@@ -143,6 +143,13 @@ class ViaConstraint(BoundedTerm):
         return sum(len(D) for D in self._projections)
 
     @property
+    def size(self) -> float:
+        """The largest velocity that is asked for [m/s, rad/s]."""
+        goal = self.via.goal
+        rates = [np.asarray(goal.value)[goal.rate_active], *(frame.rates for frame in goal.frames)]
+        return float(np.abs(np.concatenate(rates)).max(initial=0.0))
+
+    @property
     def term(self) -> ViaTerm:
         """Its structure, with its expression."""
         return self.structure("quaternion")

@@ -275,6 +275,12 @@ def test_a_result_says_numbers(panda: Robot) -> None:
         assert other.limits.a_upper[0] == 15.0
         assert not other.path
         assert not same.with_(path=same.path).with_(limits={"profile": False}).path
+        tools = same.with_(path=[slow]).path[:1]  # as a value, in place of keys
+        for with_tool in (same.with_(path=tools), same.with_(path=[slow])):
+            assert [row.name for row in with_tool.path] == ["slow", *(row.name for row in one.path)]
+            assert [row.name for row in with_tool.with_(limits={"profile": "panda"}).path] == ["slow"]
+            renewed = with_tool.with_(limits={"profile": "panda"}).with_(limits={"profile": "fr3"})
+            assert len(renewed.path) == len(with_tool.with_(path=tools, limits={"profile": "fr3"}).path) == 8
         assert [path.name for path in same.with_(limits={"profile": "fr3"}).path] == [
             p.name for p in one.path
         ]
