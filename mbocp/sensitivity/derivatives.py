@@ -213,7 +213,7 @@ class Sensitivities:
         xs, us, stretch = self._reader.pull_back(given)
         zeros = Parts.zeros(self.formulation.programme, 1)
         adjoint = kkt.solve(zeros._replace(xs=-xs[None, 1:], us=-us[None]))
-        whole = self._functions.pull(kkt, adjoint, self._change)
+        whole = self._functions.pull(kkt.optimum, adjoint, self._change)
         whole += self._change.start @ xs[0] + stretch * self._stretches
         if of_cost:
             whole += of_cost * self._cost_at(kkt.optimum)
@@ -258,7 +258,7 @@ class Sensitivities:
     def _moves_for(self, change: Change, stretches: Array) -> list[Move]:
         """Moves of the optimum with changes of the programme's numbers."""
         kkt = self._optimum.kkt
-        solved = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change))))
+        solved = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change)))).parts
         return [
             Move(
                 start=change.start[k],

@@ -97,6 +97,13 @@ class Parts(NamedTuple):
         return cls(*(np.zeros((k, *shape)) for shape in (*of_steps, (programme.ng,), (N, limits))))
 
 
+class Solved(NamedTuple):
+    """Solutions of the system, and their share in its rows of the given state, shape (k, ndx)."""
+
+    parts: Parts
+    of_start: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Kkt:
     """The system at an optimum.
@@ -157,7 +164,7 @@ class Kkt:
         """
         return _of_start(self.optimum)
 
-    def solve(self, right: Parts) -> Parts:
+    def solve(self, right: Parts) -> Solved:
         """K^-1 of some right-hand sides; K is symmetric, so these are adjoints, too.
 
         Raises
@@ -167,27 +174,38 @@ class Kkt:
         """
         held, count = self.optimum.held, len(right.eta)
         rows = [part.ravel() for part in (*right[:-1], right.ws[:, held])]
-        found, left = self._native.solve_for(rows, count)
-        is_right = self._add_up(found, rows, count)
-        if is_right and not left <= _MOST_LEFT:  # round-off of large terms, or what wrong factors leave
-            is_right = self._factorise_again() and self._add_up(found, rows, count)
-        if not is_right:
+        found, of_start, left, apart, largest = self._native.solve_for(rows, count)
+        if not _is_round_off(apart, largest):
             raise _singular()
+        if not left <= _MOST_LEFT:  # round-off of large terms, or what wrong factors leave
+            self._compare_with_other_factors(found, rows, count)
         ws = np.zeros_like(right.ws)
         ws[:, held] = found[-1].reshape(len(ws), -1)
         of_rest = (f.reshape(r.shape) for f, r in zip(found[:-1], right[:-1], strict=True))
-        return Parts(*of_rest, ws)  # type: ignore[call-arg]
+        return Solved(Parts(*of_rest, ws), of_start.reshape(count, -1))  # type: ignore[call-arg]
 
-    def _add_up(self, found: Sequence[Array], rows: Sequence[Array], count: int) -> bool:
-        """Whether solutions add up to that of what their right-hand sides add up to."""
-        apart, largest = self._native.compare_sums(rows, found, count)
-        least = np.maximum(_MOST_APART * largest, _GRAIN * largest.max())
-        return bool((apart <= least).all())  # not with NaN
-
-    def _factorise_again(self) -> bool:
-        """Factorise K with another weight of the end, on which solutions depend where K is singular."""
+    def _compare_with_other_factors(self, found: Sequence[Array], rows: Sequence[Array], count: int) -> None:
+        """Solve with another weight of the end, on which solutions depend where K is singular."""
         programme = self.optimum.programme
-        return bool(programme.ng) and factorise_held(self._native, programme, first=_OTHER_WEIGHT)
+        if not (programme.ng and factorise_held(self._native, programme, first=_OTHER_WEIGHT)):
+            raise _singular()
+        again, *_ = self._native.solve_for(rows, count)
+        pairs = [
+            (one.reshape(count, -1), other.reshape(count, -1))
+            for one, other in zip(found, again, strict=True)
+        ]
+        apart = np.array([np.abs(one - other).max(axis=1, initial=0.0) for one, other in pairs])
+        largest = np.array([np.abs(one).max(axis=1, initial=0.0) for one, _ in pairs])
+        is_next_to_nothing = largest[:3].max(axis=0) <= _GRAIN * largest[-1]  # limits bear all of it
+        same = [_is_round_off(*of_one) for of_one in zip(apart[:-1].T, largest[:-1].T, strict=True)]
+        if not (np.array(same) | is_next_to_nothing).all():
+            raise _singular()
+
+
+def _is_round_off(apart: Array, largest: Array) -> bool:
+    """Whether parts of solutions are as far apart as round-off makes them, by their largest entries."""
+    least = np.maximum(_MOST_APART * largest, _GRAIN * largest.max(initial=0.0))
+    return bool((apart <= least).all())  # not with NaN
 
 
 def _relative(step: Array, whole: Array) -> float:

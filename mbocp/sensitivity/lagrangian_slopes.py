@@ -32,7 +32,7 @@ from mbocp.programme.compilation import CompiledFunctions, load_functions
 from mbocp.programme.evaluation import call
 from mbocp.programme.tapes import as_operations
 from mbocp.sensitivity.change import Change
-from mbocp.sensitivity.kkt import Kkt, Optimum, Parts
+from mbocp.sensitivity.kkt import Kkt, Optimum, Parts, Solved
 
 
 def load_stage_functions(formulation: Formulation) -> CompiledFunctions:
@@ -214,11 +214,11 @@ class ParameterFunctions:
                 own[:, 0] += change.start @ part
         return found
 
-    def pull(self, kkt: Kkt, adjoint: Parts, change: Change) -> Array:
+    def pull(self, optimum: Optimum, adjoint: Solved, change: Change) -> Array:
         """Derivatives in parameters, shape (k,), from an adjoint of the conditions alone."""
-        optimum, programme = kkt.optimum, kkt.optimum.programme
+        programme = optimum.programme
         kind, N = programme.kind, programme.num_steps
-        xs, ys, us, ms, eta, ws = (part[0] for part in adjoint)
+        xs, ys, us, ms, eta, ws = (part[0] for part in adjoint.parts)
         found = _of_bounds(optimum, ws, change)
         if change.is_in_steps:
             before = np.vstack([np.zeros((1, kind.ndx)), xs[:-1]])
@@ -230,8 +230,7 @@ class ParameterFunctions:
             (end,) = call(self.of_end, "end_pull", 1, [*_arguments_at_end(optimum), xs[-1], eta])
             found += change.rho_terminal @ end.dense(programme.rho_terminal.size)[0]
         if change.start.any():
-            pairs = zip(kkt.of_start, (xs, ys, us, ms), strict=True)
-            found += change.start @ sum(part @ own[0] for part, own in pairs)
+            found += change.start @ adjoint.of_start[0]
         return found
 
 

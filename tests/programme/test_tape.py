@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from mbocp._arrays import Array
 from mbocp.programme.native_modules import kernel
 from mbocp.programme.tapes import as_operations
-from mbocp.symbolic.columns import add_chosen_columns, choose_columns
+from mbocp.symbolic.columns import STAYS_A_CALL, WHERE_ANY, add_chosen_columns, choose_columns
 
 UNARY = (
     *(ca.sin, ca.cos, ca.fabs, ca.sqrt, ca.exp, ca.tanh, ca.sign, ca.floor, ca.logic_not),
@@ -24,10 +24,11 @@ BINARY = (
     *(lambda x, y: x + y, lambda x, y: x - y, lambda x, y: x * y, lambda x, y: x / y),
     *(lambda x, y: x < y, lambda x, y: x <= y, lambda x, y: x == y, lambda x, y: x != y),
 )
+Step = tuple[int, int, int]
 STEP = st.tuples(st.integers(0, len(UNARY) + len(BINARY) - 1), st.integers(0, 9), st.integers(0, 9))
 
 
-def built(steps: list[tuple[int, int, int]]) -> ca.Function:
+def built(steps: list[Step]) -> ca.Function:
     """Each step takes two of the last ten values; outputs are some of them, an input and a constant, too."""
     x, y = ca.SX.sym("x", 4), ca.SX.sym("y", 3)
     values = [*ca.vertsplit(x), *ca.vertsplit(y), ca.SX(0.5), ca.SX(-2.0), ca.SX(0.0)]
@@ -62,7 +63,7 @@ def same(values: Array, exact: Array) -> None:
 
 @given(steps=st.lists(STEP, min_size=4, max_size=25), count=st.sampled_from([1, 7, 9, 17, 33, 70]))
 @settings(max_examples=60)
-def test_tapes_compute_what_casadi_does(steps: list[tuple[int, int, int]], count: int) -> None:
+def test_tapes_compute_what_casadi_does(steps: list[Step], count: int) -> None:
     compare(built(steps), count)
 
 
@@ -101,6 +102,40 @@ def test_all_stages_choose_the_same_columns() -> None:
     np.testing.assert_array_equal(columns.reshape(40, 4, 2).transpose(0, 2, 1), tables[:, :, numbers])
     expected = np.stack([given[:, :, 1], given[:, :, 3], given[:, :, 0] + given[:, :, 2]], axis=2)
     np.testing.assert_array_equal(sums.reshape(40, 3, 2).transpose(0, 2, 1), expected)
+
+
+def test_what_is_zero_in_all_lanes_is_left_out() -> None:
+    flag, x = ca.SX.sym("flag"), ca.SX.sym("x", 2)
+    ahead = ca.Function(WHERE_ANY, [flag, x], [x + 1, x], STAYS_A_CALL)  # not zero: so that it shows
+    f = ca.Function("f", [flag, x], [ca.vertcat(*ahead.call([flag, 2 * x], False, True))])
+    tape = kernel().StageFunction.of(as_operations(f))
+    for own in (tape, kernel().StageFunction.from_tape(tape.as_tape())):
+        count = 2 * own.num_lanes
+        xs, flags = np.arange(2.0 * count).reshape(-1, 2), np.zeros(count)
+        flags[1] = 1.0
+        (found,) = own.evaluate([flags, xs.ravel()], count, True)
+        rows = found.reshape(-1, 4)
+        is_called = rows[:, 0] > 0.0
+        assert is_called[1]
+        assert not is_called[own.num_lanes :].any()
+        expected = np.where(is_called[:, None], np.hstack([2 * xs + 1, 2 * xs]), 0.0)
+        np.testing.assert_array_equal(rows, expected)
+
+
+@pytest.mark.parametrize("least", [-4.0, 2.5, 2.9, 4.0])
+@given(steps=st.lists(STEP, min_size=10, max_size=60), others=st.lists(STEP, min_size=10, max_size=60))
+@settings(max_examples=20, deadline=None)
+def test_what_is_left_out_changes_nothing(least: float, steps: list[Step], others: list[Step]) -> None:
+    """Two such functions, of what the rest has, of what they alone have, and of each other's results."""
+    x, y, flag = ca.SX.sym("x", 4), ca.SX.sym("y", 3), ca.SX.sym("flag")
+    first, second = (
+        ca.Function(WHERE_ANY, [flag, x, y], [ca.if_else(flag, out[0], 0)], STAYS_A_CALL)
+        for out in (built(one).call([x, y]) for one in (steps, others))
+    )
+    given = [x * y[0] + 0.5, ca.sin(y)]
+    a = first.call([x[0] > least, *given], False, True)[0]
+    b = second.call([y[0] > least, ca.fmin(a[:4], 2.0), y * a[0]], False, True)[0]
+    compare(ca.Function("f", [x, y], [a + b, b * ca.sum1(given[0]), given[1] + a[:3]]), 40)
 
 
 def test_what_cannot_be_written_out_runs_in_the_virtual_machine() -> None:

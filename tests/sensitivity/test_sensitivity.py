@@ -338,9 +338,12 @@ def test_the_inverse_of_the_conditions_derivative_is_symmetric(make):
     rng = np.random.default_rng(0)
     right = Parts(*(rng.normal(size=part.shape) for part in Parts.zeros(kkt.optimum.programme, 2)))
     right = right._replace(ws=np.where(kkt.optimum.held, right.ws, 0.0))
-    found = kkt.solve(right)
+    found, of_start = kkt.solve(right)
     products = sum(np.inner(a.reshape(2, -1), b.reshape(2, -1)) for a, b in zip(right, found, strict=True))
     assert np.abs(products - products.T).max() <= 1e-8 * np.abs(products).max()
+    first = (part[:, 0] for part in (found.xs, found.ys, found.us, found.ms))
+    expected = sum(own @ part.T for own, part in zip(first, kkt.of_start, strict=True))
+    assert np.abs(of_start - expected).max() <= 1e-10 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("share", [0.0, 1e-12])

@@ -72,7 +72,7 @@ public:
     struct Accuracy {  // of the multipliers' step, and of the multipliers themselves: a change by this part is none
         double of_step, of_all;
         static Accuracy of_newton() { return {1e-4, 1e-12}; }
-        static Accuracy full() { return {1e-14, 0.0}; }
+        static Accuracy full() { return {1e-11, 0.0}; }
     };
     Passes resolve_equations(const Increment& step, const Accuracy& accuracy);
     void take_back(int passes);

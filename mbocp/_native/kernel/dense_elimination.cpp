@@ -46,6 +46,19 @@ bool DenseElimination::start(const Residual&, Factorisation&) {
     return true;
 }
 
+void DenseElimination::learn() {
+    for (int n = 0; barrier_.has_equations() && n < problem_.N; ++n) {
+        condense_ahead(n, 0);
+        if (pivots_[n] >= singular) learn(n);
+    }
+}
+
+void DenseElimination::learn(int n) {
+    const Stage& s = data_[n];
+    complete_response(s);
+    barrier_.learn(n, s.T, s.Hss, padded(s.kind->ns()), problem_.ndx);
+}
+
 bool DenseElimination::condense(int n, const Weights& weights, Factorisation& result) {
     const Stage& s = data_[n];
     // dw = T ds + t0 from the linearised step.
@@ -53,10 +66,7 @@ bool DenseElimination::condense(int n, const Weights& weights, Factorisation& re
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
     if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
-    if (barrier_.has_equations()) {
-        complete_response(s);
-        barrier_.learn(n, s.T, s.Hss, padded(s.kind->ns()), problem_.ndx);
-    }
+    if (barrier_.has_equations()) learn(n);
     if (s.factors_of != StepFactors::rest) return controls_.eliminate(n, whole_form(s, weights.shift), result);
     const auto form = [&](auto joints) { return form_of_rest<joints()>(s, weights.shift); };
     return controls_.eliminate(n, dense::for_few(s.kind->joints(), form), result);

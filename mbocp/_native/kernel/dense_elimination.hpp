@@ -1,6 +1,8 @@
 // Elimination over whole states.
 #pragma once
 
+#include <algorithm>
+
 #include "elimination.hpp"
 
 namespace mbocp {
@@ -9,8 +11,9 @@ class DenseElimination final : public Elimination {
 public:
     DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta);
 
-    void forget() override {}
+    void forget() override { std::fill(pivots_.begin(), pivots_.end(), -1.0); }
     void forget_residual() override {}
+    void learn() override;
     bool start(const Residual& rhs, Factorisation& result) override;
     bool condense(int n, const Weights& weights, Factorisation& result) override;
     bool may_share() const override { return true; }
@@ -29,6 +32,7 @@ private:
     void add_up(const Stage& s, double shift, double* H) const;
     template <int Joints>
     Form form_of_rest(const Stage& s, double shift);
+    void learn(int n);
     Form whole_form(const Stage& s, double shift);
     Form take_form(const Kind& k, Space& space, bool is_connected = false) const;
     void add_hessian(const Stage& s, const Form& form) const;

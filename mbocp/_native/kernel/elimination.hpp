@@ -25,6 +25,9 @@ public:
     virtual void forget() = 0;
     virtual void forget_residual() = 0;
 
+    // What delta of equations goes by, see `Barrier::learn`, before the first factorisation at an iterate.
+    virtual void learn() {}
+
     // Value function P and columns S at the last node, the end condition not yet augmented. False where a stage's
     // matrix is singular.
     virtual bool start(const Residual& rhs, Factorisation& result) = 0;

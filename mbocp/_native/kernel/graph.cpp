@@ -119,12 +119,31 @@ std::vector<int> Graph::values_of(const casadi::Function& f, const std::vector<i
 void Graph::add_call(const Call& c, std::vector<int>& work) {
     std::vector<int> passed;
     for (const casadi_int place : c.from) passed.push_back(place < 0 ? constant(0.0) : work[place]);
-    const std::vector<int> returned = c.called.name() == choose       ? chosen_columns(c.called, passed)
-                                      : c.called.name() == add_chosen ? chosen_sums(c.called, passed)
-                                      : calls_ == Calls::kept         ? results_of_call(c.called, passed)
-                                                                      : values_of(c.called, passed);
+    const std::vector<int> returned = c.called.name() == choose                  ? chosen_columns(c.called, passed)
+                                      : c.called.name() == add_chosen            ? chosen_sums(c.called, passed)
+                                      : calls_ == Calls::kept                    ? results_of_call(c.called, passed)
+                                      : is_where_any(c.called) && !is_in_region_ ? values_of_region(c.called, passed)
+                                                                                 : values_of(c.called, passed);
     for (std::size_t i = 0; i < c.to.size(); ++i)
         if (c.to[i] >= 0) work[c.to[i]] = returned[i];
+}
+
+// What they work out is theirs alone: it is not there where they are left out. What is not theirs is copied.
+std::vector<int> Graph::values_of_region(const casadi::Function& f, const std::vector<int>& given) {
+    KnownNodes others;
+    std::swap(same_, others), is_in_region_ = true;
+    Region region{static_cast<int>(nodes.size()), 0, given[0], values_of(f, given)};
+    std::swap(same_, others), is_in_region_ = false;
+    const auto changes = [](const Node& n) { return n.operation == Operation::add_chosen; };
+    if (is_constant(region.guard) || std::any_of(nodes.begin() + region.first, nodes.end(), changes))
+        return region.results;
+    const int zero = constant(0.0);
+    for (int& result : region.results)
+        if (result != none && result != zero && result < region.first)
+            result = add_node({Operation::copy, 0, result, none, none});
+    region.end = static_cast<int>(nodes.size());
+    regions.push_back(region);
+    return region.results;
 }
 
 std::vector<int> Graph::results_of_call(const casadi::Function& f, const std::vector<int>& given) {
@@ -236,7 +255,15 @@ void Graph::count_uses() {
     std::vector<bool> is_needed(nodes.size(), false);
     for (const int r : results)
         if (r >= 0) is_needed[r] = true, ++nodes[r].num_uses;
+    auto region = regions.rbegin();
     for (std::size_t k = nodes.size(); k-- > 0;) {
+        if (region != regions.rend() && static_cast<int>(k) < region->first) {
+            const auto begin = is_needed.begin();
+            if (std::find(begin + region->first, begin + region->end, true) != begin + region->end &&
+                region->guard >= 0)
+                is_needed[region->guard] = true, ++nodes[region->guard].num_uses;
+            ++region;
+        }
         if (nodes[k].operation == Operation::add_chosen && is_any(is_needed, lists[nodes[k].list]))
             is_needed[k] = true, ++nodes[k].num_uses;
         if (!is_needed[k]) continue;

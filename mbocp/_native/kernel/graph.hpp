@@ -105,6 +105,12 @@ public:
     std::vector<int> results;  // value of each output number
     std::vector<std::vector<int>> lists;
     std::vector<casadi::Function> called;
+    // Where calls are written out, nodes of functions that are zero where their first input is.
+    struct Region {
+        int first, end, guard;
+        std::vector<int> results;
+    };
+    std::vector<Region> regions;
     int num_inputs = 0;  // numbers, and one more for each input
 
 private:
@@ -127,6 +133,7 @@ private:
     const Steps& steps_of(const casadi::Function& f);
     std::vector<int> values_of(const casadi::Function& f, const std::vector<int>& given);
     void add_call(const Call& c, std::vector<int>& work);
+    std::vector<int> values_of_region(const casadi::Function& f, const std::vector<int>& given);
     std::vector<int> results_of_call(const casadi::Function& f, const std::vector<int>& given);
     std::vector<int> chosen_columns(const casadi::Function& f, const std::vector<int>& given);
     std::vector<int> chosen_sums(const casadi::Function& f, const std::vector<int>& given);
@@ -139,6 +146,7 @@ private:
     void count_uses();
 
     Calls calls_;
+    bool is_in_region_ = false;
     KnownNodes same_;
     std::unordered_map<std::uint64_t, int> constants_;
     std::unordered_map<const void*, Steps> steps_;

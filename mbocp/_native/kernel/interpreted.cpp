@@ -72,6 +72,8 @@ public:
         tape_->outputs = graph_.outputs;
         tape_->constants = graph_.constants;
         list_places_.assign(graph_.lists.size(), Graph::none);
+        index_.assign(nodes_.size(), none);
+        find_regions();
         put_in_order();
         give_places();
         return tape_;
@@ -80,33 +82,90 @@ public:
 private:
     static constexpr int none = Graph::none;
 
+    // Which nodes only those of a region need, these included: they are left out with it.
+    void find_regions() {
+        constexpr int nobody = -2;
+        std::vector<int> needed_by(nodes_.size(), nobody);  // by nodes of one region, or by others
+        region_of_.assign(nodes_.size(), none), members_.resize(graph_.regions.size());
+        const auto need = [&](int used, int region) {
+            if (used >= 0) needed_by[used] = needed_by[used] == nobody || needed_by[used] == region ? region : none;
+        };
+        for (std::size_t r = 0; r < graph_.regions.size(); ++r) {
+            const Graph::Region& region = graph_.regions[r];
+            std::fill(region_of_.begin() + region.first, region_of_.begin() + region.end, static_cast<int>(r));
+            need(region.guard, none);
+        }
+        for (const int result : graph_.results) need(result, none);
+        for (int k = static_cast<int>(nodes_.size()) - 1; k >= 0; --k) {
+            if (nodes_[k].num_uses == 0) continue;
+            if (region_of_[k] == none && needed_by[k] != nobody) region_of_[k] = needed_by[k];
+            graph_.for_operands(nodes_[k], [&](int used) { need(used, region_of_[k]); });
+            if (region_of_[k] != none) members_[region_of_[k]].push_back(k);
+        }
+        for (std::vector<int>& members : members_) std::reverse(members.begin(), members.end());
+    }
+
+    // Nodes of a region follow each other, in the place of its last one.
+    void put_in_order() {
+        const int count = static_cast<int>(nodes_.size());
+        std::vector<int> units;
+        for (int k = 0; k < count; ++k)
+            if (nodes_[k].num_uses && (region_of_[k] == none || unit_of(k) == k)) units.push_back(k);
+        const auto for_units = [&](int unit, auto work) {
+            const int region = region_of_[unit];
+            const auto pass = [&](int used) {
+                if (region == none || region_of_[used] != region) work(unit_of(used));
+            };
+            if (region == none) return graph_.for_operands(nodes_[unit], pass);
+            if (graph_.regions[region].guard >= 0) pass(graph_.regions[region].guard);
+            for (const int k : members_[region]) graph_.for_operands(nodes_[k], pass);
+        };
+        const auto for_members = [&](int k, auto work) {
+            graph_.for_operands(nodes_[k], [&](int used) {
+                if (region_of_[used] == region_of_[k]) work(used);
+            });
+        };
+        for (const int unit : in_order(units, for_units, true)) {
+            const int region = region_of_[unit];
+            if (region == none)
+                order_.push_back(unit);
+            else
+                for (const int k : in_order(members_[region], for_members, false)) order_.push_back(k);
+        }
+    }
+    // That which stands for a node's region, or itself.
+    int unit_of(int k) const { return region_of_[k] == none ? k : members_[region_of_[k]].back(); }
+
     // Nodes of like operations follow each other as far as their operands allow: a processor that is told what comes
     // next looks at an instruction in no time, and waits as long as for all lanes of it where it guesses wrong. Nodes
     // move by less than a window, so that values need few places. Sums that are chosen change others: nothing moves
     // past them.
-    void put_in_order() {
-        const int count = static_cast<int>(nodes_.size());
-        std::vector<int> waits_for(nodes_.size(), 0), first_user(nodes_.size() + 1, 0), users;
+    template <class ForOperands>
+    std::vector<int> in_order(const std::vector<int>& units, ForOperands for_operands, bool has_regions) {
+        const int count = static_cast<int>(units.size());
+        for (int i = 0; i < count; ++i) index_[units[i]] = i;
+        std::vector<int> waits_for(units.size(), 0), first_user(units.size() + 1, 0), users, order;
         const auto for_each_use = [&](auto work) {
-            for (int k = 0; k < count; ++k)
-                if (nodes_[k].num_uses) graph_.for_operands(nodes_[k], [&](int used) { work(used, k); });
+            for (int i = 0; i < count; ++i) for_operands(units[i], [&](int used) { work(index_[used], i); });
         };
         for_each_use([&](int used, int) { ++first_user[used + 1]; });
-        for (int k = 0; k < count; ++k) first_user[k + 1] += first_user[k];
+        for (int i = 0; i < count; ++i) first_user[i + 1] += first_user[i];
         users.resize(static_cast<std::size_t>(first_user[count]));
         std::vector<int> next(first_user.begin(), first_user.end() - 1);
-        for_each_use([&](int used, int k) { users[next[used]++] = k, ++waits_for[k]; });
+        for_each_use([&](int used, int i) { users[next[used]++] = i, ++waits_for[i]; });
 
         constexpr int window = 4096;
-        std::vector<std::vector<int>> ready(static_cast<std::size_t>(Operation::other) + 1);
-        const auto operation_of = [&](int k) { return static_cast<std::size_t>(nodes_[k].operation); };
-        std::vector<bool> is_placed(nodes_.size(), false);
-        const auto is_barrier = [&](int k) { return nodes_[k].operation == Operation::add_chosen; };
-        int lowest = 0, seen = 0;  // the first node that is not placed; those before are placed or among the ready
+        std::vector<std::vector<int>> ready(static_cast<std::size_t>(Operation::other) + 2);
+        const auto operation_of = [&](int i) {
+            const bool is_region = has_regions && region_of_[units[i]] != none;
+            return is_region ? ready.size() - 1 : static_cast<std::size_t>(nodes_[units[i]].operation);
+        };
+        std::vector<bool> is_placed(units.size(), false);
+        const auto is_barrier = [&](int i) { return nodes_[units[i]].operation == Operation::add_chosen; };
+        int lowest = 0, seen = 0;  // the first that is not placed; those before are placed or among the ready
         const auto look_ahead = [&] {
-            while (lowest < count && (is_placed[lowest] || nodes_[lowest].num_uses == 0)) ++lowest;
+            while (lowest < count && is_placed[lowest]) ++lowest;
             for (; seen < count && seen < lowest + window; ++seen) {
-                if (nodes_[seen].num_uses == 0) continue;
                 if (is_barrier(seen) && seen != lowest) break;
                 if (waits_for[seen] == 0) ready[operation_of(seen)].push_back(seen);
                 if (is_barrier(seen)) return void(++seen);
@@ -115,15 +174,16 @@ private:
         for (look_ahead(); lowest < count; look_ahead()) {
             auto& most = *std::max_element(ready.begin(), ready.end(),
                                            [](const auto& a, const auto& b) { return a.size() < b.size(); });
-            for (std::size_t i = 0; i < most.size(); ++i) {  // it grows on the way
-                const int k = most[i];
-                order_.push_back(k), is_placed[k] = true;
-                for (int u = first_user[k]; u < first_user[k + 1]; ++u)
+            for (std::size_t j = 0; j < most.size(); ++j) {  // it grows on the way
+                const int i = most[j];
+                order.push_back(units[i]), is_placed[i] = true;
+                for (int u = first_user[i]; u < first_user[i + 1]; ++u)
                     if (--waits_for[users[u]] == 0 && users[u] < seen)
                         ready[operation_of(users[u])].push_back(users[u]);
             }
             most.clear();
         }
+        return order;
     }
 
     void give_places() {
@@ -134,7 +194,15 @@ private:
             if (const int k = graph_.results[r]; k >= 0 && nodes_[k].place < 0) nodes_[k].place = graph_.num_inputs + r;
         std::vector<int> last(nodes_.size(), none), free;
         for (const int k : order_) graph_.for_operands(nodes_[k], [&](int used) { last[used] = k; });
+        std::size_t skip = 0;  // where the instruction is that leaves out what comes behind it
+        int region = none;
         for (const int k : order_) {
+            if (region != none && region_of_[k] != region) end_region(region, skip);
+            if (region_of_[k] != none && region_of_[k] != region) {
+                const int guard = place_of(graph_.regions[region_of_[k]].guard);
+                skip = tape_->code.size(), tape_->code.push_back({Operation::skip_unless_any, 0, guard, 0, 0});
+            }
+            region = region_of_[k];
             Node& n = nodes_[k];
             const bool is_result = n.place >= 0;
             const int a = place_of(n.a), b = n.list >= 0           ? place_of_list(n.list)
@@ -153,12 +221,24 @@ private:
             }
             tape_->code.push_back({n.operation, n.place, a, b, c});
         }
+        if (region != none) end_region(region, skip);
         for (int r = 0; r < num_results; ++r) {
             if (graph_.results[r] == none) continue;  // a zero of the pattern
             const int place = place_of(graph_.results[r]), to = graph_.num_inputs + r;
             if (place != to) tape_->code.push_back({Operation::copy, to, place, place, place});
         }
         tape_->num_places = next;
+    }
+
+    void end_region(int region, std::size_t skip) {
+        Instruction& i = tape_->code[skip];
+        i.b = static_cast<int>(tape_->lists.size()), i.c = static_cast<int>(tape_->code.size() - skip - 1);
+        std::vector<int> places;
+        for (const int result : graph_.regions[region].results)
+            if (result >= 0 && region_of_[result] == region && nodes_[result].num_uses > 0)
+                places.push_back(nodes_[result].place);
+        tape_->lists.push_back(static_cast<std::int32_t>(places.size()));
+        tape_->lists.insert(tape_->lists.end(), places.begin(), places.end());
     }
 
     // Where the places of a list begin among those of the tape; all its values have theirs by now.
@@ -180,6 +260,8 @@ private:
     std::vector<Node>& nodes_;
     std::shared_ptr<Tape> tape_ = std::make_shared<Tape>();
     std::vector<int> order_;  // of the nodes that are needed
+    std::vector<int> region_of_, index_;
+    std::vector<std::vector<int>> members_;  // of the regions
     std::vector<int> list_places_;
 };
 

@@ -35,6 +35,8 @@ struct Residual {
     explicit Residual(const Problem& p)
         : c(p.m_offset[p.N], 0.0), w(p.m_offset[p.N], 0.0), s(p.s_offset(p.N), 0.0), x_terminal(p.ndx, 0.0),
           g(p.ng, 0.0) {}
+
+    void add(double factor, const Residual& other);
 };
 
 }  // namespace mbocp

@@ -7,7 +7,7 @@ namespace mbocp {
 using dense::padded;
 
 KktCheck::KktCheck(const Problem& problem, const Data& data, const Step& step, const Barrier& barrier)
-    : left(problem), problem_(problem), data_(data), step_(step), barrier_(barrier) {
+    : left(problem), of_start(problem.ndx, 0.0), problem_(problem), data_(data), step_(step), barrier_(barrier) {
     work_.allocate(2 * static_cast<std::size_t>(problem.kind().nw() + problem.kind().ns()) + 32);
 }
 
@@ -40,6 +40,8 @@ void KktCheck::add_stage(int n, const Residual& rhs, const Increment& d, double 
         double* before = left.w.data() + problem_.m_offset[n - 1];
         for (int i = 0; i < nd; ++i) before[i] += r[i];
         largest = std::max(largest, dense::largest(nd, before));
+    } else {
+        dense::copy(r, of_start.data(), nd);
     }
     std::fill(r, r + nd, 0.0);
     const double here = std::max(dense::largest(nw - nd, w + nd), dense::largest(nu, r + nd));

@@ -16,6 +16,7 @@ public:
     void add_end(const Residual& rhs, const Increment& d);
 
     Residual left;                      // rhs + KKT d
+    Numbers of_start;                   // KKT d in the given state, which is no unknown
     double largest = 0, curvature = 0;  // entry of it; d'Hd
 
 private:

@@ -367,27 +367,21 @@ NB_MODULE(MBOCP_KERNEL_NAME, module) {
         .def(
             "solve", [](Programme& p, int refinements) { return p.riccati.solve(refinements); },
             nb::arg("refinements") = 1, Released())
+        .def("learn", &Programme::learn, Released())
         .def(
             "solve_for",
             [](Programme& p, const std::vector<Input>& rhs, int count) {
-                Programme::Parts parts = to_parts(rhs);
-                double left = 0;
-                {
+                const Programme::Parts parts = to_parts(rhs);
+                const Programme::Solved found = [&] {
                     nb::gil_scoped_release released;
-                    std::tie(parts, left) = p.solve_for(parts, count);
-                }
-                std::vector<Output> found;
-                for (const Numbers& part : parts) found.push_back(to_array(part));
-                return std::make_pair(std::move(found), left);
+                    return p.solve_for(parts, count);
+                }();
+                std::vector<Output> steps;
+                for (const Numbers& part : found.parts) steps.push_back(to_array(part));
+                return std::make_tuple(std::move(steps), to_array(found.of_start), found.left, to_array(found.apart),
+                                       to_array(found.largest));
             },
             nb::arg("rhs"), nb::arg("count"))
-        .def(
-            "compare_sums",
-            [](Programme& p, const std::vector<Input>& rhs, const std::vector<Input>& found, int count) {
-                const auto [apart, largest] = p.compare_sums(to_parts(rhs), to_parts(found), count);
-                return std::make_pair(to_array(apart), to_array(largest));
-            },
-            nb::arg("rhs"), nb::arg("found"), nb::arg("count"))
         .def("factorise_well", &factorise_well, nb::arg("shift"), nb::arg("augmentation"), Released())
         .def("correct", &Programme::correct, nb::arg("alpha"), Released())
         .def("move", &Programme::move, nb::arg("alpha"), Released())

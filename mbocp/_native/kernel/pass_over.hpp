@@ -61,6 +61,12 @@ double* chosen(const std::int32_t* list, double number, At at) {
     return number >= 0.0 && number < *list ? at(list[1 + static_cast<std::int32_t>(number)]) : nullptr;
 }
 
+bool is_any(const double* numbers, int n) {
+    bool any = false;
+    for (int k = 0; k < n; ++k) any |= numbers[k] != 0.0;
+    return any;
+}
+
 // All instructions for `Blocks` vectors of each place; one number, where Blocks is 0.
 template <int Blocks>
 void pass_over(const Passes& tape, double* memory, int stride) {
@@ -182,6 +188,26 @@ void pass_over(const Passes& tape, double* memory, int stride) {
                     if (double* sum = chosen(tape.lists + j.b, a[k], at)) sum[k] += at(j.c)[k];
             });
             break;
+        case Operation::skip_unless_any: {
+            const auto is_needed = [&](int k) { return is_any(at(i->a) + k * width, width); };
+            int num_needed = 0;
+            for (int k = 0; k < count; ++k) num_needed += is_needed(k);
+            if (2 * num_needed > count) {  // all at once takes no longer
+                i = end;
+                break;
+            }
+            const Passes part{i + 1, tape.runs + number + 1, i->to, tape.lists, tape.other};
+            const std::int32_t* places = tape.lists + i->b;
+            for (int k = 0; k < count; ++k) {
+                if (is_needed(k)) {
+                    pass_over<1>(part, memory + k * width, stride);
+                    continue;
+                }
+                for (int p = 1; p <= *places; ++p) std::memset(at(places[p]) + k * width, 0, sizeof(double) * width);
+            }
+            number += i->to, end += i->c, i = end;
+            break;
+        }
         case Operation::other:
             run([&](const Instruction& j, double* to, const double* a, const double* b) {
                 tape.other(j.c, a, b, to, count * width);

@@ -28,12 +28,14 @@ enum class Operation : std::int32_t {
     subtract_product,  // a b + c, a b - c, c - a b
     choose,            // number a of the places in list b
     add_chosen,        // c is added to that one
+    skip_unless_any,   // where a is zero in all lanes of a vector, the places of list b are, too, without the next c
+                       // instructions
     other              // number `c` of CasADi's operations
 };
 
 struct Instruction {
     Operation operation;
-    std::int32_t to, a, b, c;  // places
+    std::int32_t to, a, b, c;  // places; `to` of one that skips: how many runs it leaves out, see `Tape::find_runs`
 };
 
 struct Passes {

@@ -130,4 +130,11 @@ void Increment::add(const Increment& other) {
     add(dx, other.dx), add(dy, other.dy), add(du, other.du), add(dm, other.dm), add(deta, other.deta);
 }
 
+void Residual::add(double factor, const Residual& other) {
+    const auto add = [&](Numbers& to, const Numbers& from) {
+        for (std::size_t i = 0; i < to.size(); ++i) to[i] += factor * from[i];
+    };
+    add(c, other.c), add(w, other.w), add(s, other.s), add(x_terminal, other.x_terminal), add(g, other.g);
+}
+
 }  // namespace mbocp

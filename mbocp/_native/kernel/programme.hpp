@@ -32,6 +32,11 @@ public:
         riccati.forget_residual();
         return evaluator.weigh(parameter);
     }
+    // Weighs with what delta of equations goes by, which otherwise the first factorisation at an iterate finds.
+    void learn() {
+        riccati.learn();
+        weigh(barrier.parameter());
+    }
     // The same with the factors at hand, see `Barrier::aim`.
     Evaluation aim(double parameter, bool is_curved) {
         riccati.forget_right_hand_side();
@@ -71,69 +76,49 @@ public:
     }
     // K d = rhs with the last factors, for `count` right-hand sides one after the other. Parts of rows and of unknowns
     // are the states of the nodes 1..N, algebraic unknowns, controls, multipliers of the steps, of the end condition,
-    // and of the limits that are equations. Also the largest that is left of one.
+    // and of the limits that are equations.
     static constexpr std::size_t num_parts = 6;
     static constexpr double grain = 0x1p-46;  // of an entry: what is less beside it is round-off
     using Parts = std::array<Numbers, num_parts>;
-    std::pair<Parts, double> solve_for(const Parts& rhs, int count) {
+    //
+    // The solutions, each by its size, are added up, and K is solved for what is left of that: by so much round-off
+    // makes them wrong, which is much where K is nearly singular. Multipliers of limits have no part in that: where
+    // limits follow from others, these are some of many. Nor has a solution that is next to nothing beside these:
+    // limits bear all of its right-hand side, and the rest is round-off.
+    struct Solved {
+        Parts parts;
+        Numbers of_start;  // K's rows of the given state times each solution
+        double left = 0;   // the largest that is left of one
+        // Entries of each part: what round-off makes of the sum, and of its terms.
+        Numbers apart = Numbers(num_parts - 1, 0.0), largest = apart;
+    };
+    Solved solve_for(const Parts& rhs, int count) {
         const auto sizes = part_sizes();
-        Parts found;
-        double left = 0;
+        Solved found;
         for (std::size_t part = 0; part < num_parts; ++part) {
             if (rhs[part].size() != sizes[part] * count) throw std::invalid_argument("solve_for: wrong length");
-            found[part].reserve(rhs[part].size());
+            found.parts[part].reserve(rhs[part].size());
         }
-        Residual residual(problem);
+        Residual residual(problem), left(problem);
         for (int k = 0; k < count; ++k) {
             std::array<const double*, num_parts> given;
             for (std::size_t part = 0; part < num_parts; ++part) given[part] = rhs[part].data() + sizes[part] * k;
-            left = std::max(left, solve_one(given, residual));
-            const auto steps = part_steps();
+            found.left = std::max(found.left, solve_one(given, residual));
+            const KktCheck& check = riccati.check();
+            const auto steps = part_steps(riccati.direction());
             for (std::size_t part = 0; part < num_parts; ++part)
-                found[part].insert(found[part].end(), steps[part], steps[part] + sizes[part]);
+                found.parts[part].insert(found.parts[part].end(), steps[part], steps[part] + sizes[part]);
+            found.of_start.insert(found.of_start.end(), check.of_start.begin(), check.of_start.end());
+            const Numbers sizes_of_parts = largest_of(steps);
+            const double size = std::max({sizes_of_parts[0], sizes_of_parts[1], sizes_of_parts[2]});
+            if (size <= grain * sizes_of_parts.back()) continue;
+            for (std::size_t part = 0; part < num_parts - 1; ++part)
+                found.largest[part] = std::max(found.largest[part], sizes_of_parts[part] / size);
+            left.add(1.0 / size, check.left);
         }
-        return {std::move(found), left};
-    }
-    // What these solutions, each by three times its size, add up to, beside the solution of what their right-hand
-    // sides add up to. That has other round-off, which shows how much of it is in the solutions where K is nearly
-    // singular. Of each part how far the two are apart, and the largest term. Multipliers of limits are left out: where
-    // limits follow from others, these are some of many. A solution that is next to nothing beside these is left out,
-    // too: limits bear all of its right-hand side, and the rest is round-off.
-    std::pair<Numbers, Numbers> compare_sums(const Parts& rhs, const Parts& found, int count) {
-        const auto sizes = part_sizes();
-        Numbers shares;
-        for (int k = 0; k < count; ++k) {
-            const auto largest_of = [&](std::size_t part) {
-                return dense::largest(static_cast<int>(sizes[part]), found[part].data() + sizes[part] * k);
-            };
-            double size = 0;
-            for (std::size_t part = 0; part < 3; ++part) size = std::max(size, largest_of(part));
-            shares.push_back(size <= grain * largest_of(num_parts - 1) ? 0.0 : 1.0 / (3.0 * size));
-        }
-        Parts whole;
-        std::array<const double*, num_parts> given;
-        for (std::size_t part = 0; part < num_parts; ++part) {
-            if (rhs[part].size() != sizes[part] * count || found[part].size() != rhs[part].size())
-                throw std::invalid_argument("compare_sums: wrong length");
-            whole[part].assign(sizes[part], 0.0);
-            for (std::size_t at = 0; at < rhs[part].size(); ++at)
-                whole[part][at % sizes[part]] += shares[at / sizes[part]] * rhs[part][at];
-            given[part] = whole[part].data();
-        }
-        Residual residual(problem);
-        solve_one(given, residual);
-        const auto steps = part_steps();
-        Numbers apart(num_parts - 1, 0.0), largest(apart);
-        for (std::size_t part = 0; part < apart.size(); ++part)
-            for (std::size_t at = 0; at < sizes[part]; ++at) {
-                double left = -steps[part][at];
-                for (int k = 0; k < count; ++k) {
-                    const double term = shares[k] * found[part][sizes[part] * k + at];
-                    left += term, largest[part] = std::max(largest[part], std::abs(term));
-                }
-                if (std::abs(left) > apart[part] || std::isnan(left)) apart[part] = std::abs(left);
-            }
-        return {std::move(apart), std::move(largest)};
+        const Numbers apart = largest_of(part_steps(riccati.correction_for(left)));
+        found.apart.assign(apart.begin(), apart.end() - 1);
+        return found;
     }
     Numbers reduced_hessian(double shift) {
         riccati.forget();
@@ -160,10 +145,21 @@ private:
                 iterate.eta.size(),
                 barrier.equation_step().size()};
     }
-    std::array<const double*, num_parts> part_steps() const {
-        const Increment& d = riccati.direction();
+    std::array<const double*, num_parts> part_steps(const Increment& d) const {
         return {d.dx.data() + problem.ndx,     d.dy.data(), d.du.data(), d.dm.data(), d.deta.data(),
                 barrier.equation_step().data()};
+    }
+    // NaN where there is one.
+    Numbers largest_of(const std::array<const double*, num_parts>& steps) const {
+        const auto sizes = part_sizes();
+        Numbers found;
+        for (std::size_t part = 0; part < num_parts; ++part) {
+            double most = 0;
+            for (std::size_t at = 0; at < sizes[part]; ++at)
+                if (const double size = std::abs(steps[part][at]); size > most || std::isnan(size)) most = size;
+            found.push_back(most);
+        }
+        return found;
     }
     double solve_one(const std::array<const double*, num_parts>& rhs, Residual& residual) {
         const int ndx = problem.ndx, ny = problem.kind().ny, nu = problem.kind().nu;

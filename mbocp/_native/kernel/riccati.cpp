@@ -178,6 +178,12 @@ double Riccati::solve_for(const Residual& rhs, const Numbers& equations) {
     return std::max(left, barrier_.missed(direction_));
 }
 
+const Increment& Riccati::correction_for(const Residual& left) {
+    backward(left);
+    forward(left, correction_, nullptr);
+    return correction_;
+}
+
 Direction Riccati::finish(int refinements) {
     Direction d = refine(refinements, Barrier::Accuracy::of_newton());
     measure(d);

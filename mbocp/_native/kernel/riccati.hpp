@@ -22,6 +22,7 @@ public:
     void forget();
     void forget_residual();
     void forget_right_hand_side();  // of the limits alone: the factors stay
+    void learn() { elimination_->learn(); }
 
     // `shift` is added to the Hessian's diagonal in every state, `augment` weighs the end condition.
     Factorisation factorise(double shift, double augment);
@@ -35,6 +36,9 @@ public:
     // `direction`, their multipliers in the barrier. The programme is evaluated again before the next Newton step.
     // Returns the largest entry of what is left, by the largest of the terms.
     double solve_for(const Residual& rhs, const Numbers& equations);
+    const KktCheck& check() const { return check_; }  // of the last solution
+    // -KKT^-1 of what is left of some solutions: by how much round-off in these makes them wrong.
+    const Increment& correction_for(const Residual& left);
 
     const Increment& direction() const { return direction_; }
     const Elimination& elimination() const { return *elimination_; }

@@ -24,7 +24,7 @@ struct Pattern {
 
 inline constexpr int most_lanes = 32;
 // Changes with what tapes hold, and with what C is written from them: entries of the cache are found by it.
-inline constexpr std::string_view tape_format = "mbocp tape 4\n";
+inline constexpr std::string_view tape_format = "mbocp tape 5\n";
 
 // At one stage: arg, `call`, res. At as many stages at once as the function has lanes, which may be one: `set` and
 // `share`, `call_in_lanes`, `values`; number k of an output is then at [k * num_lanes + lane].

@@ -140,17 +140,25 @@ bool is_sound(const Tape& tape) {
     if (tape.first_constant != before || before + count > tape.num_places) return false;
     if (tape.num_places > before + count + static_cast<std::int64_t>(tape.code.size())) return false;
     std::vector<bool> known(tape.lists.size(), false);
-    for (const Instruction& i : tape.code) {
-        const bool chooses = i.operation == Operation::choose || i.operation == Operation::add_chosen;
-        if (i.operation < Operation::copy || i.operation > Operation::other || !is_place(i.to) || !is_place(i.a))
+    std::size_t end = 0;  // of the instructions that one leaves out
+    for (std::size_t k = 0; k < tape.code.size(); ++k) {
+        const Instruction& i = tape.code[k];
+        const bool skips = i.operation == Operation::skip_unless_any;
+        const bool has_list = skips || i.operation == Operation::choose || i.operation == Operation::add_chosen;
+        if (i.operation < Operation::copy || i.operation > Operation::other || !is_place(i.a)) return false;
+        if (skips) {
+            if (k < end || i.c <= 0 || static_cast<std::size_t>(i.c) >= tape.code.size() - k) return false;
+            end = k + 1 + static_cast<std::size_t>(i.c);
+        } else if (!is_place(i.to)) {
             return false;
-        if (chooses) {
+        }
+        if (has_list) {
             if (i.b < 0 || i.b >= size || (!known[i.b] && !is_list(i.b))) return false;
             known[i.b] = true;
         } else if (!is_place(i.b)) {
             return false;
         }
-        if (i.operation != Operation::other && !is_place(i.c)) return false;
+        if (i.operation != Operation::other && !skips && !is_place(i.c)) return false;
     }
     return true;
 }
@@ -159,10 +167,17 @@ bool is_sound(const Tape& tape) {
 
 void Tape::find_runs() {
     runs.clear();
+    std::size_t skip = code.size(), first = 0;  // the last that leaves others out, and the first run of these
+    const auto is_end = [&](std::size_t k) { return skip < code.size() && k == skip + 1 + code[skip].c; };
+    const auto close = [&] { code[skip].to = static_cast<std::int32_t>(runs.size() - first), skip = code.size(); };
     for (std::size_t k = 0; k < code.size(); ++k) {
-        if (k == 0 || code[k].operation != code[k - 1].operation) runs.push_back(0);
+        const bool ends = is_end(k);
+        if (ends) close();
+        if (k == 0 || ends || code[k].operation != code[k - 1].operation) runs.push_back(0);
         ++runs.back();
+        if (code[k].operation == Operation::skip_unless_any) skip = k, first = runs.size();
     }
+    if (is_end(code.size())) close();
 }
 
 std::string write_tape(const Tape& tape) {

@@ -14,7 +14,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.programme.kernel import kernel_programme
+from mbocp.programme.kernel import kernel_programme, set_bounds
 from mbocp.solvers.newton_method.limit_multipliers import bounded_values, multipliers_in_rows
 
 if TYPE_CHECKING:
@@ -47,10 +47,9 @@ def active_limits(
     bounds = programme.bounds
     pulls, distances = np.zeros(bounds.has_limit.shape), np.full(bounds.has_limit.shape, np.inf)
     if iterate.bounds is not None and not bounds.is_empty:
-        plain = replace(programme, num_guards=0)
         count = np.count_nonzero(bounds.has_limit)
-        pulls[bounds.has_limit] = multipliers_in_rows(iterate.bounds, plain)[:count]
-        distances = _distances(plain, iterate, pulls)
+        pulls[bounds.has_limit] = multipliers_in_rows(iterate.bounds, programme)[:count]
+        distances = _distances(programme, iterate, pulls)
     held = (np.abs(pulls) > stiffness * programme.control_weight * distances) | bounds.are_equations
     return pulls, held, np.where(pulls > 0.0, bounds.upper, bounds.lower)
 
@@ -59,17 +58,14 @@ def hold(
     programme: StagewiseProgramme, iterate: Iterate, pulls: Array, held: BoolArray, sides: Array
 ) -> KernelProgramme:
     """Kernel programme at an iterate with some limits as equations, and no others; see `active_limits`."""
-    fixed = replace(programme, num_guards=0)
-    if not held.any():
-        native = kernel_programme(fixed)
-        iterate.load_into(native)
-        return native
-    lower, upper = np.where(held, sides, -np.inf), np.where(held, sides, np.inf)
-    fixed = replace(fixed, bounds=programme.bounds.with_sides(lower, upper))
-    native = kernel_programme(fixed, has_limits=True)
+    native = kernel_programme(programme)
     iterate.load_into(native)
-    native.start_limits(_ANY)
-    native.z_upper = pulls[held]
+    if held.any():
+        lower, upper = np.where(held, sides, -np.inf), np.where(held, sides, np.inf)
+        fixed = replace(programme, num_guards=0)
+        set_bounds(native, fixed, programme.bounds.with_sides(lower, upper))
+        native.start_limits(_ANY)
+        native.z_upper = pulls[held]
     return native
 
 
@@ -82,20 +78,17 @@ def factorise_held(
 ) -> bool:
     """Whether some weight of the end condition, and some shift, give the signs of a minimum.
 
-    Where limits are held, each is tried twice: from the first factorisation the kernel learns how much these
-    have to weigh.
-    Shifts of the Hessian in the states, and the first weight of the end condition, are by the weight of the
-    controls.
+    How much limits that are held have to weigh the kernel learns first. Shifts of the Hessian in the states,
+    and the first weight of the end condition, are by the weight of the controls.
     """
     unit = programme.control_weight / programme.dt
+    if len(native.z_upper):
+        native.learn()
     for shift in shifts:
         weight = first
         while weight <= _LAST_WEIGHT:
             weights = (shift * programme.control_weight, weight * unit if programme.ng else 0.0)
             found = native.factorise(*weights)
-            if len(native.z_upper):
-                native.weigh(native.barrier)
-                found = native.factorise(*weights)
             if found.ok and found.negative == programme.ng:
                 return True
             weight *= 100.0
