@@ -74,9 +74,9 @@ def check_walk(
                 note("slip", np.abs(J @ v1).max(initial=0.0))
                 is_landing = n == stance.first and not set(stance.feet) <= set(before)
                 if is_landing:
-                    note("impulse", _outside(impulses, friction) / (weight * float(dts.max())))
+                    note("impulse", outside_cone(impulses, friction) / (weight * float(dts.max())))
                 else:
-                    note("parting", _outside(forces + impulses / dts[n - 1], friction) / weight)
+                    note("parting", outside_cone(forces + impulses / dts[n - 1], friction) / weight)
                 continue
             step = ImplicitStep(system, scheme, float(dts[n]))
             x0, x1 = np.concatenate([q0, v0]), np.concatenate([q1, v1])
@@ -85,7 +85,7 @@ def check_walk(
             forces = _forces(J, -rows / dts[n])
             note("dynamics", np.abs(rows + dts[n] * J.T @ forces).max() / sizes.max())
             if n + 1 == stance.last or dts[n + 1] > _NO_TIME:
-                note("cone", _outside(forces, friction) / weight)
+                note("cone", outside_cone(forces, friction) / weight)
             path = [system.step(q0, part * system.away(q0, q1)) for part in np.linspace(0, 1, _PARTS + 1)]
             for foot in feet:
                 places = np.array([foot_place(system, foot, q) for q in path])
