@@ -11,7 +11,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 NATIVE := $(shell find mbocp/_native \( -name '*.cpp' -o -name '*.hpp' -o -name CMakeLists.txt -o -name locate.py \))
 
-.PHONY: demo docs pages images wheel try-wheel release quick check test test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
+.PHONY: demo docs pages images wheel try-wheel try-arm release quick check test test-all attack lint bench bench-dense bench-peers sanitize campaign pairs setup clean
 
 demo: setup
 	$(BIN)/mbocp solve examples/arms/ur5_reach.toml -o ur5_reach.h5 --replay ur5_reach.html --plot ur5_reach.png
@@ -49,6 +49,11 @@ wheel: setup
 # A new environment, no compiler, a motion: says how long each step takes.
 try-wheel:
 	.ci/try_wheel.sh dist/*.whl
+
+# The same for aarch64, in an emulator, with tests: says what it needs.
+try-arm: setup
+	$(PIP) install --group wheel
+	.ci/try_arm.sh
 
 # All of a release but its tag: one version everywhere, a source archive, and its wheel in a new environment.
 release: setup

@@ -2,7 +2,7 @@
 
 Included by the C of `c_files.py`, which defines MBOCP_LANES, and by the kernel's tapes. A condition is 1.0 or 0.0, as in C, and what it
 does not choose is 0: lanes never meet. Compilers and processors that are not known get one lane. */
-#if !(defined(__GNUC__) && defined(__AVX2__))
+#if !(defined(__GNUC__) && (defined(__AVX2__) || defined(__aarch64__)))
 #undef MBOCP_LANES
 #define MBOCP_LANES 1
 #endif
@@ -50,14 +50,14 @@ typedef long long mbocp_bits __attribute__((vector_size(8 * MBOCP_LANES)));
 #define mbocp_all_bits(x) ((mbocp_bits){(x), (x), (x), (x), (x), (x), (x), (x)})
 #endif
 #define mbocp_first(x) ((x)[0])
-#if !defined(__FMA__)
+#if !defined(__FMA__) && !defined(__ARM_FEATURE_FMA)
 #define mbocp_multiply_add(x, y, z) ((x) * (y) + (z))
 #elif defined(__clang__)
 static inline __attribute__((unused)) mbocp_lanes mbocp_multiply_add(mbocp_lanes x, mbocp_lanes y, mbocp_lanes z) {
 #pragma clang fp contract(on)
   return x * y + z;
 }
-#elif MBOCP_LANES == 4
+#elif MBOCP_LANES == 4 && defined(__FMA__)
 #define mbocp_multiply_add(x, y, z) ((mbocp_lanes)__builtin_ia32_vfmaddpd256(x, y, z))
 #elif defined(__AVX512F__)
 #define mbocp_multiply_add(x, y, z) ((mbocp_lanes)__builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4))
@@ -109,7 +109,7 @@ static inline __attribute__((unused)) int mbocp_agree(mbocp_lanes x) {
 #endif
 #if __has_builtin(__builtin_elementwise_sqrt) /* newer versions of Clang have no other one */
 #define mbocp_sqrt(x) __builtin_elementwise_sqrt(x)
-#elif MBOCP_LANES == 4
+#elif MBOCP_LANES == 4 && defined(__AVX2__)
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd256(x))
 #elif defined(__AVX512F__) && !defined(__clang__)
 #define mbocp_sqrt(x) ((mbocp_lanes)__builtin_ia32_sqrtpd512_mask(x, x, -1, 4))

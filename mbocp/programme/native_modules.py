@@ -11,6 +11,7 @@ from mbocp._environment import number_from
 from mbocp.exceptions import InvalidValue, NativeMismatch
 
 _NEEDED = {4: frozenset({"avx2", "fma"}), 8: frozenset({"avx2", "fma", "avx512f", "avx512dq", "avx512vl"})}
+_ARM = ("aarch64", "arm64")  # NEON is in all of them
 _WIDTHS = (1, 4, 8)  # doubles of a vector register that functions are written for
 
 
@@ -35,10 +36,15 @@ def has_avx2() -> bool:
     return _features() >= _NEEDED[4]
 
 
-def number_of_lanes() -> int:
-    """At how many stages functions are called at once: 8 with AVX-512, 4 with AVX2, else 1.
+def has_lanes() -> bool:
+    """Whether functions are written for several stages at once: for AVX2 and NEON."""
+    return has_avx2() or platform.machine() in _ARM
 
-    $MBOCP_LANES takes another of these numbers; without AVX2 it is always 1.
+
+def number_of_lanes() -> int:
+    """At how many stages functions are called at once: 8 with AVX-512, 4 with AVX2 or NEON, else 1.
+
+    $MBOCP_LANES takes another of these numbers; without such vectors it is always 1.
 
     Raises
     ------
@@ -49,7 +55,7 @@ def number_of_lanes() -> int:
     named = number_from("MBOCP_LANES", expected)
     if named is not None and named not in _WIDTHS:
         raise InvalidValue("MBOCP_LANES", str(named), expected)
-    if not has_avx2():
+    if not has_lanes():
         return 1
     return int(named) if named is not None else 8 if _features() >= _NEEDED[8] else 4
 

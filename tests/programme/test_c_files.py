@@ -17,7 +17,7 @@ from mbocp.exceptions import CompilationError
 from mbocp.programme import c_files, library
 from mbocp.programme.compilation import load_functions
 from mbocp.programme.compiler import compiler
-from mbocp.programme.native_modules import has_avx2, kernel, number_of_lanes
+from mbocp.programme.native_modules import has_lanes, kernel, number_of_lanes
 from mbocp.programme.tapes import as_operations
 from mbocp.symbolic.columns import STAYS_A_CALL, WHERE_ANY, add_chosen_columns, choose_columns
 from tests.programme.test_tape import STEP, built
@@ -100,8 +100,8 @@ SPECIAL = np.array([0.0, 1.0, -1.0, 0.5, 1e5, -1e5, 1e9, -3e22, 5e-324, 1e300, n
 @pytest.mark.parametrize("lanes", [1, 4, 8])
 def test_every_operation(lanes: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each lane has the numbers of CasADi's virtual machine, whatever is in the others."""
-    if lanes > 1 and not has_avx2():
-        pytest.skip("the processor has no AVX2")
+    if lanes > 1 and not has_lanes():
+        pytest.skip("the processor has no vectors that are known")
     monkeypatch.setenv("MBOCP_LANES", str(lanes))
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     values = [f(x) for f in UNARY] + [f(x, y) for f in BINARY]
@@ -151,11 +151,11 @@ def calling() -> ca.Function:
 
 @pytest.mark.parametrize("lanes", ["1", "4", "8"])
 def test_calls_have_the_numbers_of_what_is_written_out(lanes: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if lanes != "1" and not has_avx2():
-        pytest.skip("the processor has no AVX2")
+    if lanes != "1" and not has_lanes():
+        pytest.skip("the processor has no vectors that are known")
     monkeypatch.setenv("MBOCP_LANES", lanes)
     # sines of more lanes than one are not the library's
-    compare(calling(), at_random(calling()), is_exact=int(lanes) > 1 or not has_avx2())
+    compare(calling(), at_random(calling()), is_exact=int(lanes) > 1 or not has_lanes())
 
 
 def test_what_is_called_is_written_once() -> None:

@@ -14,10 +14,10 @@ from mbocp.formulation import formulate
 from mbocp.guesses import guess_candidates, make_guess
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
-from mbocp.programme.native_modules import has_avx2, number_of_lanes
+from mbocp.programme.native_modules import has_avx2, has_lanes, number_of_lanes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-needs_avx2 = pytest.mark.skipif(not has_avx2(), reason="the processor has no AVX2")
+needs_lanes = pytest.mark.skipif(not has_lanes(), reason="the processor has no vectors that are known")
 
 
 def test_the_number_of_lanes_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -27,12 +27,14 @@ def test_the_number_of_lanes_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> N
     with pytest.raises(InvalidValue, match="one of the numbers 1, 4, 8"):
         number_of_lanes()
     monkeypatch.delenv("MBOCP_LANES")
-    assert number_of_lanes() in ((4, 8) if has_avx2() else (1,))
+    assert number_of_lanes() in ((4, 8) if has_lanes() else (1,))
 
 
 def test_another_kind_of_processor_has_no_avx2(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platform.machine", lambda: "aarch64")
     assert not has_avx2()
+    assert number_of_lanes() == 4  # of NEON
+    monkeypatch.setattr("platform.machine", lambda: "riscv64")
     assert number_of_lanes() == 1
 
 
@@ -69,7 +71,7 @@ PROBLEMS = {
 EIGHT = [("a closed loop", 8), ("obstacles", 8)]
 
 
-@needs_avx2
+@needs_lanes
 @pytest.mark.parametrize(("what", "number"), [*((what, 4) for what in PROBLEMS), *EIGHT])
 def test_stages_in_lanes_are_those_one_by_one(
     what: str, number: int, monkeypatch: pytest.MonkeyPatch
@@ -84,7 +86,7 @@ def test_stages_in_lanes_are_those_one_by_one(
         assert np.array_equal(again[name], together[name]), name
 
 
-@needs_avx2
+@needs_lanes
 def test_a_stage_that_is_no_number_stays_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBOCP_LANES", "4")
     problem = mbocp.load_problem(EXAMPLES / "loops" / "four_bar.toml", ["horizon.steps=21"])

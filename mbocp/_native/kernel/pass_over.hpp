@@ -21,9 +21,6 @@ inline double multiply_add(double x, double y, double z) { return mbocp_one_mult
 inline mbocp_vector multiply_add(mbocp_vector x, mbocp_vector y, mbocp_vector z) {
 #if MBOCP_LANES == MBOCP_WIDTH
     return mbocp_multiply_add(x, y, z);
-#elif defined(__ARM_FEATURE_FMA)
-    for (int k = 0; k < MBOCP_WIDTH; ++k) z[k] = mbocp_one_multiply_add(x[k], y[k], z[k]);
-    return z;
 #else
     return x * y + z;
 #endif
