@@ -129,3 +129,12 @@ def test_a_throw_is_told_within_a_factor_of_its_error() -> None:
     assert s.converged, s.advice
     assert s.accuracy.cost_error < 5e-3  # the largest difference of all is 6e-2
     assert abs(s.cost / 0.9431833 - 1.0) <= s.accuracy.cost_error
+
+
+def test_fewer_steps_in_which_a_joint_turns_too_far_are_not_taken() -> None:
+    """26 steps have the error that was asked for, and a joint turns by more than 1 rad in one of them."""
+    words: dict[str, Any] = {"start": {"q": [0.3, -0.2]}, "goal": {"q": [1.4, 0.5], "v": 0}}
+    case = mbocp.Problem.create("double_pendulum", 1.0, 26, cost={"effort": 1.0}, scheme="gauss2", **words)
+    s = mbocp.solve(case.with_(accuracy=0.01))
+    assert s.converged, s.advice
+    assert s.num_steps > 26
