@@ -80,7 +80,6 @@ public:
     static constexpr std::size_t num_parts = 6;
     static constexpr double grain = 0x1p-46;  // of an entry: what is less beside it is round-off
     using Parts = std::array<Numbers, num_parts>;
-    //
     // The solutions, each by its size, are added up, and K is solved for what is left of that: by so much round-off
     // makes them wrong, which is much where K is nearly singular. Multipliers of limits have no part in that: where
     // limits follow from others, these are some of many. Nor has a solution that is next to nothing beside these:
