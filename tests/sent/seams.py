@@ -27,7 +27,7 @@ MOST_OFF = 0.02  # of the speed, in files: band, and what exports may leave of i
 RATES = (125, 500, 1000)  # samples a second
 SPEEDS = (0.05, 0.1, 0.2)  # [m/s]
 TOOLS = {"ur5e": "tool0", "fr3": "panda_hand"}
-_STARTS = {
+STARTS = {
     "ur5e": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
     "fr3": [0.0, -0.3, 0.0, -2.2, 0.0, 2.0, 0.785],
 }
@@ -37,7 +37,7 @@ _COST = {"time": 1.0, "effort": 1e-5, "velocity": 0, "acceleration": 0.05}
 
 def problem_of(name: str, speed: float, *, is_curved: bool) -> Problem:
     """Lead-in, seam and lead-out, from rest to rest."""
-    (robot, limits), tool, q = ROBOTS[name], TOOLS[name], np.array(_STARTS[name])
+    (robot, limits), tool, q = ROBOTS[name], TOOLS[name], np.array(STARTS[name])
     limits = {**limits, "effort": False, **({"effort_rate": False} if name == "fr3" else {})}
     still = Problem.create(robot, 1.0, 2, goal={"q": q, "v": 0})
     at = still.robot.frame_placement(tool, q)

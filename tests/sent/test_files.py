@@ -10,7 +10,7 @@ import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sent import amid, seams
+from tests.sent import amid, cones, seams
 from tests.sent.cases import ROBOTS, TOLERANCE, row_of, time_to_brake
 from tests.sent.reader import ends_of_points, limits_of, violation_of_points, violation_of_samples
 
@@ -55,7 +55,7 @@ def test_what_begins_moving_goes_on_from_what_was_sent(name: str, tmp_path: Path
 
 @pytest.mark.parametrize(
     ("name", "speed", "is_curved"),
-    [("ur5e", 0.1, False), ("fr3", 0.05, False), ("ur5e", 0.1, True)],
+    [("ur5e", 0.1, False), ("ur5e", 0.1, True), pytest.param("fr3", 0.05, False, marks=pytest.mark.slow)],
 )
 def test_a_tool_goes_along_a_seam_at_a_steady_speed(
     name: str, speed: float, tmp_path: Path, *, is_curved: bool
@@ -65,6 +65,16 @@ def test_a_tool_goes_along_a_seam_at_a_steady_speed(
     assert row["violation"] <= 1e-6
     assert row["off"] <= seams.MOST_OFF
     assert row["aside"] <= 2.0 * seams.TUBE
+
+
+@pytest.mark.parametrize("seed", [9, 5])
+def test_a_tool_keeps_in_a_cone_in_a_tube_or_among_spheres(seed: int) -> None:
+    row = cones.row_of("ur5e", seed)
+    assert row["status"] == "converged"
+    assert row["violation"] <= 1e-6
+    assert row["cone"] <= 5e-3
+    assert row["tube"] <= 5e-4
+    assert not row["touches"]
 
 
 @settings(max_examples=30)
