@@ -44,6 +44,7 @@ URDF = """<robot name="arm"><link name="base"/>{links}
 <limit lower="-3" upper="3" effort="20" velocity="9"/></joint>
 <joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/><origin xyz="0 0 -0.6"/>
 <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="20" velocity="9"/></joint></robot>"""
+QUADROTOR = Path(__file__).parents[2] / "examples/free_flyer/robots/quadrotor"  # whose URDF is a name
 TABLE = 'urdf = "../models/urdf/arm.urdf"\nname = "my arm"\ngravity = [0, 0, -3.7]\n'
 PROBLEM = """
 robot = "robots/robot.toml"
@@ -258,7 +259,7 @@ def test_a_world_of_parts_and_a_robot_of_a_package(place: Path, tmp_path: Path) 
     assert all(Path(mesh).is_relative_to(again.stored.folder) for mesh in meshes)
 
 
-@pytest.mark.parametrize("name", ["ur5", "solo12", "hector", "stewart", "chain_3"])
+@pytest.mark.parametrize("name", ["ur5", "solo12", "hector", "stewart", "chain_3", QUADROTOR])
 def test_robots_by_name(name: str) -> None:
     """With the SRDF's initial pose and inertias of motors; no file of the package is asked again."""
     robot = load_robot(name)

@@ -16,14 +16,14 @@ from mbocp._text import find_repeated
 from mbocp.exceptions import MbocpError, RobotError, RobotFileError
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
-from mbocp.robot.loading.addresses import resolve
+from mbocp.robot.loading.addresses import resolve, root_of_stored
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, ReadOptions
 from mbocp.robot.loading.elements import trace_frames
 from mbocp.robot.loading.joint_numbers import Losses
 from mbocp.robot.loading.locking import by_joint
 from mbocp.robot.loading.model_changes import make_spherical, without_dynamics
-from mbocp.robot.loading.readers.example_robots import describe_example
+from mbocp.robot.loading.readers import example_robots
 from mbocp.robot.loading.readers.in_memory import describe_chain, describe_object
 from mbocp.robot.loading.robot_formats import reader_of
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable, ReadingKeys
@@ -72,7 +72,7 @@ def describe_source(
             raise RobotError(f"inertias: robot {source.name!r} has its own; only files may be without")
         found = describe_chain(source.name, free_flyer=bool(how.free_flyer))
     elif source.kind == "example":
-        found = describe_example(source.name, source.example, how)
+        found = example_robots.describe_example(source.name, source.example, how)
     else:
         found = reader_of(source.path, how.folders, keys.arguments).read(source.path, source.name, how)
     given = found.table.payloads if keys.payload is None else keys.payload
@@ -116,8 +116,13 @@ def model_file(path: Path, table: RobotTable, folders: Sequence[Path]) -> tuple[
     ------
     RobotFileError
         If it does not exist.
+    UnsupportedRobot
+        If it is the name of a robot that example-robot-data builds by code, or that is no URDF.
     """
     folders = (*folders, *(path.parent / folder for folder in table.package_dirs))
+    if table.urdf in example_robots.names() and root_of_stored(path.parent) is None:
+        facts = example_robots.example_facts(table.urdf)
+        return facts.path, (*folders, *facts.packages)
     try:
         return resolve(table.urdf, path.parent, folders), folders
     except FileNotFoundError as error:

@@ -20,6 +20,7 @@ from mbocp.problem import Problem
 from mbocp.robot import QuarticSpring, Robot, Rod, load_robot, robot_from_spec
 from tests.robot import urdfs
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 URDF = urdfs.chain("revolute", "revolute", "revolute", name="from_urdf")
 DRONE = urdfs.robot(
     urdfs.link("body"),
@@ -40,6 +41,32 @@ def test_an_empty_file_is_the_urdf_alone(tmp_path: Path) -> None:
     assert (robot.nv, robot.nu, robot.nc, robot.forces, robot.connectors) == (3, 3, 0, (), ())
     assert robot.trace_frames == ("l3",)
     assert load_robot(tmp_path / "folder_name" / "robot.urdf").name == "from_urdf"
+
+
+def test_the_urdf_of_a_robot_by_name(tmp_path: Path) -> None:
+    """With its meshes, or a warning were an error; base and pose are those of this file."""
+    (tmp_path / "robot.toml").write_text('name = "pendulum"\nurdf = "double_pendulum"\n')
+    robot, by_name = load_robot(tmp_path), load_robot("double_pendulum")
+    assert robot.joint_names == by_name.joint_names
+    assert robot.source == by_name.source
+    assert [g.meshPath for g in robot.visual_model.geometryObjects] == [
+        g.meshPath for g in by_name.visual_model.geometryObjects
+    ]
+    (tmp_path / "robot.toml").write_text('urdf = "talos_legs"\n')
+    with pytest.raises(UnsupportedRobot, match="built by code of example-robot-data"):
+        load_robot(tmp_path)
+
+
+def test_rotors_push_where_they_are_and_twist_the_body_against_their_turn() -> None:
+    """Places and senses of rotation as the URDF of the Iris and the names of its propellers have them."""
+    robot = load_robot(EXAMPLES / "free_flyer/robots/quadrotor")
+    x, y, turns = (0.13, -0.13, 0.13, -0.13), (-0.22, 0.2, 0.22, -0.2), (1, 1, -1, -1)
+    columns = [
+        [0, 0, 1, yi, -xi, -0.016 * turn] for xi, yi, turn in zip(x, y, turns, strict=True)
+    ]  # at the origin of the body
+    np.testing.assert_allclose(robot.actuation.selection, np.transpose(columns), atol=1e-15)
+    shapes = [Path(g.meshPath).stem for g in robot.visual_model.geometryObjects if "rotor" in g.name]
+    assert shapes == ["iris_prop_ccw" if turn > 0 else "iris_prop_cw" for turn in turns]
 
 
 def test_what_it_says(tmp_path: Path) -> None:
