@@ -178,7 +178,7 @@ def test_a_cycle_on_the_group() -> None:
     problem = Problem.create(
         {"name": "hector", "actuated": ["root_joint"]},
         1.0,
-        20,
+        30,
         start={"q": [0, 0, 0, 0, 0, 0, 1], "free": "v"},
         goal={"periodic": True},
         via=[{"name": "there", "share": 0.5, "frame": pose}],

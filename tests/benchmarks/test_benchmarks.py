@@ -161,7 +161,9 @@ def test_quality_compares_with_the_best_of_all(tmp_path: Path) -> None:
     assert [row[1] for row in made.rows] == list(WAYS)
     by_way = {row[1]: row for row in made.rows}
     assert all(int(row[2]) + int(row[3]) <= 2 for row in made.rows)
-    assert by_way["auto, 4 starts"][5].startswith("100 % of 2 (")  # nothing else has as many guesses
+    most = by_way["auto, 4 starts"]  # nothing else has as many guesses
+    assert int(most[2]) >= 1
+    assert most[5].startswith(f"100 % of {most[2]} (")
     first, second = tasks("double pendulum", "auto", 2, 1)
     changes = refined(first, 30.0)
     assert len(changes) == 3  # the ways with one guess

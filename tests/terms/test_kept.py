@@ -66,8 +66,8 @@ def test_the_tool_stays_between_the_ends_of_a_segment(tolerance: float) -> None:
     goal = {"v": 0, "frame": {**GOAL["frame"], "velocity": -0.6 * ahead / length}}  # type: ignore[dict-item]
     del goal["v"]
     line = {"kind": "line", "tolerance": tolerance, "a": a, "b": a + 1.02 * ahead}
-    free = arm(line, goal=goal)
-    problem = arm({**line, "segment": True}, goal=goal)
+    free = arm(line, goal=goal).with_(num_steps=36)
+    problem = arm({**line, "segment": True}, goal=goal).with_(num_steps=36)
     own, other = solved(problem), solved(problem, "ipopt")
 
     def furthest(solution: Solution) -> float:
