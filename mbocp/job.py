@@ -22,12 +22,13 @@ from mbocp.solution.read_solution import Attempt, read_solution
 from mbocp.solution.rest import Rest, place_at
 from mbocp.solvers import SolverSettings, Status
 from mbocp.solvers.records import Callback
-from mbocp.solvers.strategies.patience import Patience
+from mbocp.solvers.strategies.patience import MORE_TIME, Patience
 
 if TYPE_CHECKING:
     from mbocp.problem.reasons.cause import Cause
 
 _SAME = 1e-9  # [rad, m]
+_EXPLAIN = "`mbocp explain FILE` looks for the limit that excludes it"
 
 Warm: TypeAlias = Solution | Rest | IterateRecord | None  # where to start; None: from the guess
 
@@ -152,7 +153,8 @@ def _patience(problem: Problem, deadline: float) -> Patience:
 
         return causes.why_in_vain(problem, status)
 
-    return Patience(is_limited=math.isinf(deadline), why_in_vain=why_in_vain)
+    remedy = f"{_EXPLAIN}; else {MORE_TIME}" if problem.is_bounded else MORE_TIME
+    return Patience(is_limited=math.isinf(deadline), why_in_vain=why_in_vain, remedy=remedy)
 
 
 def _deadline(*limits: float | None) -> float:

@@ -16,7 +16,6 @@ Each strategy is frozen, has one method, `run(job)`, and holds those that it run
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -73,12 +72,12 @@ def strategy_for(job: Job) -> Strategy:
         from mbocp.identification.exciting import NearSpline
 
         strategy = NearSpline(strategy)
-    return strategy if math.isinf(job.deadline) else BestInTime(strategy)
+    return BestInTime(strategy)
 
 
 @dataclass(frozen=True)
 class BestInTime:
-    """Solve; where functions are not compiled before the deadline, return the best solution by then.
+    """Solve; where functions are not compiled before the deadline, or on Ctrl-C, return the best by then.
 
     It is no more than a motion where accuracy or room for what is uncertain is asked for, too.
 
@@ -94,17 +93,21 @@ class BestInTime:
         begun, found = time.perf_counter(), list[Solution]()
         try:
             return self.strategy.run(replace(job, found=found))
-        except CompilationTimeout as end:
+        except (CompilationTimeout, KeyboardInterrupt) as end:
             if not found:
                 raise
             best = max(reversed(found), key=lambda one: (one.converged, one.is_stationary, -depth_of(one)))
+            spent = time.perf_counter() - begun
+            if isinstance(end, KeyboardInterrupt):
+                advice = f"interrupted in another attempt; {best.advice}"
+                return retold(best, status=Status.INTERRUPTED, advice=advice, wall_time_s=spent)
             words = f"{best.advice}; the time limit passed while {end.doing}, for another attempt"
             asked = {"horizon.accuracy": job.problem.accuracy, "[robust]": job.problem.robust}
             left = " and ".join(key for key, value in asked.items() if value is not None)
             status = Status.UNDER_RESOLVED if left and best.converged else best.status
             if left:
                 words = f"what {left} asks for was not reached within solver.time_limit; raise it; {words}"
-            return retold(best, status=status, advice=words, wall_time_s=time.perf_counter() - begun)
+            return retold(best, status=status, advice=words, wall_time_s=spent)
 
 
 @dataclass(frozen=True)
@@ -322,8 +325,10 @@ class WarmStart:
         solution = self._run_in_turn(job)
         if solution.is_stationary or not job.patience.words:
             return solution
-        status = job.patience.status_of(solution.status)
-        return retold(solution, status=status, advice=f"{solution.advice}; {job.patience.words}")
+        status, proof = job.patience.status_of(solution.status), job.patience.proof
+        is_proved = proof and status is Status.INFEASIBLE
+        advice = proof if is_proved else f"{solution.advice}; {job.patience.words}"
+        return retold(solution, status=status, advice=advice)
 
     def _run_in_turn(self, job: Job) -> Solution:
         """Solve from the warm start, briefly; from the guess; from the warm start, at length."""

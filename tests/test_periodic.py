@@ -16,7 +16,6 @@ from scipy.special import ellipk
 
 from mbocp import Problem, Solution, load_problem, load_robot, solve
 from mbocp._files import parse_toml
-from mbocp.cli.summary_words import goal_error
 from mbocp.exceptions import MbocpError
 from mbocp.lie import ConfigurationSpace
 from mbocp.problem.file.tables import tables_of, to_toml
@@ -88,7 +87,7 @@ def test_free_oscillation(swing: str, method: str) -> None:
         errors.append(s.qs[0, 0] - amplitude(period))
     assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
     assert abs(errors[1]) < 1e-3
-    assert goal_error(s, problem).startswith("a cycle, closed to ")
+    assert s.goal_error.startswith("a cycle, closed to ")
 
 
 @pytest.mark.parametrize("scheme", ["se1", "midpoint", "rk4"])

@@ -44,6 +44,7 @@ _ROUND_OFF = 1e-11  # [rad, m]: what no flow is better than
 _EXACT = 1e-16  # [rad, m]: what a step is wrong by then
 _TOLD = 0.005  # of what a replay misses: what the flow may be wrong by, for two digits
 _STANDS = 0.1  # of the longest way in its unit: joints that hardly move
+_AT_REST = 1e-7  # [rad, m]: a way that is round-off, what solvers leave in each of some hundred steps
 
 
 def accuracy_of(
@@ -84,6 +85,7 @@ def accuracy_of(
     ends, end_speeds, parts, own = followed
     errors = np.abs(flow.differences(ends, qs[1:]))
     ways = np.abs(flow.differences(qs[:-1], qs[1:])).sum(axis=0)
+    ways = np.where(ways > _AT_REST, ways, 0.0)
     names = [label.name for label in robot.move_labels]
     step, joint = np.unravel_index(errors.argmax(), errors.shape)
     worst = _worst_share(errors.sum(axis=0), ways, [label.unit for label in robot.v_labels])

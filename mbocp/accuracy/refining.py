@@ -38,7 +38,7 @@ from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution
 from mbocp.solution.later import retold
-from mbocp.solvers import Status
+from mbocp.solvers import IterationRecord, Status
 from mbocp.solvers.strategies.in_units import is_no_cost
 
 _ROUNDS = 8
@@ -69,7 +69,10 @@ class Refinement:
         rounds, the time or the most steps, the status is `under_resolved`.
         """
         begun, search = time.perf_counter(), _Search(job, self.once)
-        search.run()
+        try:
+            search.run()
+        except KeyboardInterrupt:
+            search.interrupt()
         solution = search.solution()
         more, spent = search.taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
         phases = (Phase("other steps", more, spent), *solution.phases)
@@ -112,6 +115,12 @@ class _Search:
             if 2 * mesh.num_steps > MOST_STEPS or self.job.is_late:
                 break
 
+    def interrupt(self) -> None:
+        """End with the last round; raise again where there is none yet."""
+        if not self.rounds:
+            raise
+        self.failed = retold(self.rounds[-1].solution, status=Status.INTERRUPTED, advice="interrupted")
+
     def solution(self) -> Solution:
         """Return the last solution with what is known of it."""
         if not self.rounds and self.failed is not None:
@@ -135,12 +144,27 @@ class _Search:
         return retold(solution, status=status, advice=f"{words}; {solution.advice}")
 
     def _solve(self, mesh: Mesh, start: Warm) -> Solution:
-        return self._run(self.job.problem, mesh, start)
+        return self._run(self.job, self.job.problem, mesh, start)
 
-    def _run(self, problem: Problem, mesh: Mesh, start: Warm) -> Solution:
-        found = self.once.run(self.job.with_steps_of(mesh.of(problem), start))
+    def _check(self, problem: Problem, mesh: Mesh, start: Warm) -> Solution:
+        """Solve for the sake of the cost alone: it is not what a search that is stopped has found."""
+        return self._run(replace(self.job, found=None), problem, mesh, start)
+
+    def _run(self, job: Job, problem: Problem, mesh: Mesh, start: Warm) -> Solution:
+        found = self.once.run(job.with_steps_of(mesh.of(problem), start))
         self.taken += found.iterations
         return found
+
+    def _tell(self, last: Round) -> None:
+        """Show a round among the iterations."""
+        if self.job.callback is None:
+            return
+        words = (
+            f"round {len(self.rounds)}: {last.solution.num_steps} steps, one is wrong by "
+            f"{last.errors.largest.max():.2g} at most, the cost by {last.cost_error:.2g} of it"
+        )
+        residual, cost = last.solution.residual, last.solution.cost
+        self.job.callback(IterationRecord(self.taken, residual, cost=cost, phase=words))
 
     def _pair(self, mesh: Mesh, start: Warm) -> list[Solution]:
         """Solve with steps and with their halves; the first alone if it fails."""
@@ -158,10 +182,10 @@ class _Search:
             last = found.beside_joints(checks)
         else:
             last = found.compare_with(checks, self.rounds[-1] if self.rounds else None)
-        if last.is_enough:
-            last = trim(last, mesh, self._solve, deadline)
         self.rounds.append(last)
+        self._tell(last)
         if last.is_enough:
+            self.rounds[-1] = trim(last, mesh, self._solve, deadline)
             return None
         if checks and checks[-1].status.is_stopped:
             self.failed = checks[-1]
@@ -183,10 +207,10 @@ class _Search:
         found, problem = list[Solution](), self.job.problem
         if is_told_by_joints(problem):
             problem = with_joints(problem)
-            return [self._run(problem, each, fine) for each in (mesh.halve(), mesh, mesh.coarser())]
-        for _ in range(_CHECKS_ROUGH if is_rough(self.job.problem) else _CHECKS):
+            return [self._check(problem, each, fine) for each in (mesh.halve(), mesh, mesh.coarser())]
+        for _ in range(_CHECKS_ROUGH if is_rough(problem) else _CHECKS):
             mesh = mesh.coarser()
-            found.append(self._solve(mesh, fine))
+            found.append(self._check(problem, mesh, fine))
             if not found[-1].is_stationary:
                 break
         return found

@@ -10,6 +10,7 @@ import numpy as np
 from rich.text import Text
 
 from mbocp._arrays import BoolArray
+from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.solution.loads import FORCES, largest_of, rms_of
 from mbocp.solvers.records import Status
@@ -23,6 +24,8 @@ _MAX_NAMES = 12  # more names than that are counted
 _MAX_LIMITS = 8  # more lines than that nobody reads
 _FORCES = {"J/m": "N", "J/rad": "N m", "J/m^2": "N/m"}  # what multipliers of constraints are
 _AT_NODES = ("velocity", "position", "path")  # kinds of limits; the others hold in steps
+_OF_SPHERE = "distance of "  # path constraints of `mbocp.problem.obstacles.clearance`: of a sphere of a link
+_OF_SIDE = ": side "  # rows of `ViaConstraint`: which of both quaternions an attitude is
 _OF_ONE = {  # kinds of limits of one number
     "effort_rms": "root mean square of {name} at its limit {bound:.6g} {unit}",
     "duration": "duration at its {side} bound {bound:.6g} s",
@@ -88,15 +91,17 @@ def _largest(solution: Solution, steps: BoolArray, more: str) -> str:
 
 def _limits(solution: Solution) -> str:
     """Which limits the motion touches, and by how much it leaves them; nothing where there are none."""
-    if not _is_bounded(solution):
+    violation = solution.limit_violation
+    is_left = violation >= BOUND_TOLERANCE
+    if not (_is_bounded(solution) or is_left):
         return ""
     active = [_touches(limit) for limit in solution.active_limits]
     listed = "\n".join(active[:_MAX_LIMITS]) or "none is active"
     if len(active) > _MAX_LIMITS:
         listed += f"\nand {len(active) - _MAX_LIMITS} more"
-    if solution.limit_violation > 0.0:
-        listed += f"\nviolated by {solution.limit_violation:.2e} at most"
-    elif solution.limit_violation == 0.0:
+    if is_left:
+        listed += f"\nviolated by {violation:.2e} at most"
+    elif violation < BOUND_TOLERANCE:  # not of what is not finite
         listed += "\nall are kept at the nodes"
     if solution.limit_excess > 0.0:
         more = " or more" if solution.status is Status.UNDER_RESOLVED else ""
@@ -137,8 +142,9 @@ def _of_forces(solution: Solution, numbers: Sequence[str]) -> str:
 
 def _is_bounded(solution: Solution) -> bool:
     bounds = (solution.limits_u, solution.limits_v, solution.limits_q)
+    others = {row.name for row in solution.facts.path if row.is_equation or _OF_SIDE in row.name}
     if (
-        solution.path_names
+        not others.issuperset(solution.path_names)
         or solution.facts.effort_rms
         or solution.duration_range is not None
         or solution.named_phases
@@ -153,9 +159,10 @@ def _touches(limit: ActiveLimit) -> str:
         return _OF_ONE[limit.kind].format(**vars(limit))
     times = f"in {limit.count} of {limit.total} {'nodes' if limit.kind in _AT_NODES else 'steps'}"
     word, bound = "bound" if limit.kind == "path" else "limit", f" {limit.bound:.6g} {limit.unit}"
-    return (
-        f"{limit.kind} {limit.name} at its {limit.side} {word}{bound * (not math.isnan(limit.bound))} {times}"
-    )
+    name = limit.name
+    if limit.kind == "path" and name.startswith(_OF_SPHERE):
+        name = f"{_OF_SPHERE}sphere {name.removeprefix(_OF_SPHERE)}"
+    return f"{limit.kind} {name} at its {limit.side} {word}{bound * (not math.isnan(limit.bound))} {times}"
 
 
 def _clearance(solution: Solution) -> str:
@@ -165,7 +172,7 @@ def _clearance(solution: Solution) -> str:
     size = f"{1e3 * abs(solution.clearance):.4g} mm"
     how = size if solution.clearance >= 0.0 else f"{size} in each other"
     nearest = f"{solution.clearance_between} at {solution.clearance_time:.4g} s"
-    return f"{how}: {nearest}, of the pairs that are checked"
+    return f"{how}: {nearest}, of the pairs that are checked, shape to shape"
 
 
 def _drift(solution: Solution) -> str:

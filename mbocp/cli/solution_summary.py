@@ -13,7 +13,7 @@ from rich.text import Text
 from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.limit_rows import limit_rows
-from mbocp.cli.summary_words import accuracy_words, coarse_words, goal_error
+from mbocp.cli.summary_words import accuracy_words, coarse_words
 from mbocp.integrators.schemes import SCHEMES
 
 if TYPE_CHECKING:
@@ -43,7 +43,6 @@ def print_summary(solution: Solution, problem: Problem, written: Sequence[tuple[
     after: dict[str, tuple[str, str | Text]] = {
         "robot": ("redundant", _redundant(robot)),
         "status": ("cause", _cause(solution, problem)),
-        "residual": ("goal", goal_error(solution, problem)),
     }
     listed = [one for row in rows for one in (row, after.get(row[0], ("", ""))) if one[1]]
     print_rows(solution.problem_name or problem.name, listed)
@@ -61,7 +60,10 @@ def _cause(solution: Solution, problem: Problem) -> Text:
     from mbocp.problem.reasons.causes import causes_of
 
     why = "unknown; `mbocp explain` looks for the limit that has to give"
-    if causes := causes_of(problem):
+    causes = causes_of(problem)
+    if causes and causes[0].words in solution.advice:
+        return Text()
+    if causes:
         why = causes[0].words if causes[0].is_certain else f"probably: {causes[0].words}"
     return Text(why, style="bold")
 
@@ -118,13 +120,18 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("work", _work(solution)),
         ("energy", _drawn(solution)),
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
-        ("residual", f"{solution.residual:.2e}, last increment {solution.increment:.2e}"),
+        ("residual", f"{solution.residual:.2e}, last increment {_increment(solution)}"),
+        ("goal", solution.goal_error),
         *limit_rows(solution),
         ("accuracy", accuracy_words(solution)),
         ("conserved", _quantities(solution)),
         ("Hamiltonian", _hamiltonian(solution)),
     ]
     return [row for row in rows if row[1]]
+
+
+def _increment(solution: Solution) -> str:
+    return "-" if math.isnan(solution.increment) else f"{solution.increment:.2e}"
 
 
 def _work(solution: Solution) -> str:

@@ -41,6 +41,7 @@ from mbocp.programme import Iterate
 from mbocp.programme.iterate import IterateRecord
 from mbocp.robot import Robot, singular_closure
 from mbocp.solution.details import Accuracy, Labels, StartRecord
+from mbocp.solution.goal_error import goal_error
 from mbocp.solution.its_problem import facts_of
 from mbocp.solution.later import defer
 from mbocp.solution.solution import Solution
@@ -230,8 +231,10 @@ def _rest(
     problem = formulation.problem
     robot, clearance = problem.robot, asked.clearance
     diagnostics = read_trajectory(formulation, iterate)
+    found = diagnostics.fields()
     return {
-        **diagnostics.fields(),
+        **found,
+        "goal_error": goal_error(problem, replace(motion, dts=np.diff(t)), found["ps"]),
         "iterate": carried(),
         **_fields(None if clearance is None else nearest_approach(clearance, t, motion.qs, motion.vs)),
         "control_momentum_meanings": _meanings(robot, diagnostics.control_momentum_names),

@@ -49,6 +49,8 @@ class Solution(SolutionData):
     status : Status
         How the solve ended; `converged` says whether well, `advice` what to do if not.
     advice, solver, guess_used : str
+    goal_error : str
+        How far the end is from the goal; "" in results of an older mbocp.
     iterations, unknowns : int
         Iterations of the solver; numbers that it solved for.
     cost : float

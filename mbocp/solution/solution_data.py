@@ -108,6 +108,7 @@ class SolutionData:
     problem_text: str = ""
     facts_kept: Facts | None = field(default=None, compare=False)
     guess_used: str = ""
+    goal_error: str = ""
     starts: tuple[StartRecord, ...] = ()
     accuracy: Accuracy = field(default_factory=Accuracy)
     options: Mapping[str, Any] = field(default_factory=dict)

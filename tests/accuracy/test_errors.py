@@ -99,6 +99,15 @@ def test_shares_say_whether_steps_are_too_long() -> None:
     assert math.isnan(Accuracy(sum_of_errors=0.0, way=0.0).share)
 
 
+def test_a_way_that_is_round_off_has_no_share_of_errors() -> None:
+    robot = mbocp.load_robot("double_pendulum", gravity=[0, 0, 0])
+    qs = 1e-15 * np.random.default_rng(0).standard_normal((11, 2))
+    found = accuracy_of(robot, Motion(qs, np.zeros((11, 2)), np.zeros((10, robot.nu)), np.full(10, 0.1)))
+    assert 0.0 < found.local_error < 1e-13
+    assert math.isnan(found.share)
+    assert found.is_small
+
+
 def test_what_is_not_finite_or_too_stiff_has_no_errors() -> None:
     problem = swing()
     solution = solved(problem)

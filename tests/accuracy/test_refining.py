@@ -133,6 +133,34 @@ def test_a_motion_that_was_found_is_kept_where_the_finer_one_is_stopped() -> Non
     assert s.iterations > 0
 
 
+def test_ctrl_c_after_a_round_leaves_that_round() -> None:
+    rounds = list[str]()
+
+    def stop(record: mbocp.IterationRecord) -> None:
+        if record.phase.startswith("round "):
+            rounds.append(record.phase)
+        if len(rounds) == 2:
+            raise KeyboardInterrupt
+
+    s = mbocp.solve(problem("elastic_pendulum", accuracy=1e-6, scheme="se1"), callback=stop)
+    assert s.status == "interrupted"
+    assert s.accuracy.rounds == 2
+    assert s.residual < 1e-6
+    told = f"{s.num_steps} steps, one is wrong by {s.accuracy.local_error:.2g} at most, "
+    assert rounds[1] == f"round 2: {told}the cost by {s.accuracy.cost_error:.2g} of it"
+
+
+def test_ctrl_c_before_the_first_round_is_told_leaves_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mbocp.accuracy.rounds.step_errors_of", stop)
+    s = mbocp.solve(problem("elastic_pendulum", accuracy=1e-6, scheme="se1"))
+    assert s.status == "interrupted"
+    assert s.advice.startswith("interrupted in another attempt; ")
+    assert s.residual < 1e-6
+
+
 def test_result_file_json_and_summary_say_it(tmp_path: Path) -> None:
     run = CliRunner(env={"COLUMNS": "200", "TERM": "dumb"})
     path = str(EXAMPLES / "paper/cart_pendulum_rigid.toml")

@@ -12,8 +12,10 @@ from typer.testing import CliRunner
 
 import mbocp
 from mbocp.cli.app import app
+from mbocp.formulation import Motion
 from mbocp.problem import Problem
 from mbocp.solution import IterationRecord, Labels, Phase, Solution, Status
+from mbocp.solution.goal_error import goal_error
 
 ARM = """
 robot = "ur5"
@@ -64,6 +66,7 @@ def straight_line(problem: Problem, status: Status = Status.CONVERGED) -> Soluti
         robot_name=robot.name,
         robot_spec=dict(robot.spec),
         guess_used="a straight line",
+        goal_error=goal_error(problem, Motion(qs, vs, np.ones((num, robot.nu)), np.diff(t)), vs),
         versions={"mbocp": "0.1.0"},
         labels=Labels.of_robot(robot),
     )

@@ -43,6 +43,15 @@ def test_ctrl_c_while_solving(tmp_path: Path, run: Run, monkeypatch: pytest.Monk
     assert Solution.load(saved).status is Status.INTERRUPTED
 
 
+def test_a_proved_cause_is_told_once_and_alone(run: Run) -> None:
+    ur5 = str(Path(FILE).parents[1] / "arms/ur5_limits.toml")
+    told = " ".join(run("solve", ur5, "--set", "horizon.duration=0.6", *SMALL).stdout.split())
+    assert "infeasible: shoulder_pan_joint needs 0.698 s" in told
+    assert told.count("shoulder_pan_joint needs") == 1
+    assert "try a longer duration" not in told
+    assert "last increment -" in told
+
+
 def test_unreachable_tolerance_is_not_converged(run: Run) -> None:
     done = run("solve", FILE, *SMALL, "--json", "--set", "solver.max_iterations=1")
     assert done.exit_code == 1

@@ -18,6 +18,7 @@ import mbocp.view.of_solution
 import mbocp.view.report
 from mbocp.cli.solution_summary import print_rows
 from mbocp.solution import Solution
+from mbocp.solution.problem_facts import Facts, PathRow
 from tests.solution.fabricated import humanoid, limited, pendulum
 
 from .conftest import Run
@@ -49,7 +50,15 @@ def test_no_line_breaks_between_a_number_and_its_unit(
 def test_info_says_what_a_clearance_is_of(run: Run, tmp_path: Path, result: Path) -> None:
     near = {"clearance": 0.015, "clearance_between": "link and box", "clearance_time": 0.7}
     done = run("info", str(dataclasses.replace(Solution.load(result), **near).save(tmp_path / "near.h5")))
-    assert "15 mm: link and box at 0.7 s, of the pairs that are checked" in " ".join(done.stdout.split())
+    words = "15 mm: link and box at 0.7 s, of the pairs that are checked, shape to shape"
+    assert words in " ".join(done.stdout.split())
+
+
+def test_info_says_that_limits_of_distances_are_those_of_spheres(folder: Path, run: Run) -> None:
+    limited(path_names=("distance of hand[1] from box", "clearance")).save(folder / "near.h5")
+    words = " ".join(run("info", "near.h5").stdout.split())
+    assert "limits path" not in words
+    assert "path distance of sphere hand[1] from box at its lower bound" in words
 
 
 @pytest.mark.parametrize("command", ["plot", "replay"])
@@ -148,6 +157,7 @@ def test_info_counts_the_constraints_of_the_robot_and_not_those_of_its_bodies(fo
     mbocp.solve(problem, check=True).save(folder / "four_bar.h5")
     told = " ".join(run("info", "four_bar.h5").stdout.split())
     assert "four_bar: 1 degree of freedom (3 velocities, 2 constraints)" in told
+    assert re.search(r"goal off by \S+ rad at crank, velocity by \S+ rad/s at rocker", told)
 
 
 def test_info_says_how_rotations_are_kept(folder: Path, run: Run) -> None:
@@ -167,6 +177,22 @@ def test_info_of_a_result_whose_limits_are_far(folder: Path, run: Run) -> None:
     words = " ".join(run("info", "free.h5").stdout.split())
     assert "limits none is active violated by 1.00e-09 at most" in words
     assert "drift of rotations" not in words
+
+
+def test_round_off_violates_no_limit(folder: Path, run: Run) -> None:
+    limited(limit_violation=4e-15).save(folder / "kept.h5")
+    words = run("info", "kept.h5").stdout
+    assert "all are kept at the nodes" in words
+    assert "violated by 4.00e-15" not in words
+
+
+@pytest.mark.parametrize(("violation", "is_told"), [(4e-15, False), (0.1, True)])
+def test_via_points_are_no_limits(folder: Path, run: Run, violation: float, is_told: bool) -> None:
+    rows = (PathRow("1: hand.x", 0.0, 0.0, "m", 1), PathRow("1: side 0", 0.0, np.inf, "", 1))
+    words = {"path_names": tuple(row.name for row in rows), "facts_kept": Facts(path=rows)}
+    free = pendulum(lam_path=np.zeros((100, 2)), limit_violation=violation, **words)
+    free.save(folder / "via.h5")
+    assert ("limits" in run("info", "via.h5").stdout) is is_told
 
 
 def test_no_more_limits_than_one_reads(folder: Path, run: Run) -> None:

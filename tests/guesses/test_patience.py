@@ -30,7 +30,7 @@ def test_a_base_that_nothing_pushes_is_not_tried_elsewhere(tmp_path: Path) -> No
     s = mbocp.solve(Problem.create(floats(tmp_path), 1.0, 20, goal=there))
     assert s.status is Status.INFEASIBLE
     assert names(s) == ["monolithic"]
-    assert "no other attempt was made, since none can help: nothing pushes the base of floater" in s.advice
+    assert s.advice.startswith("nothing pushes the base of floater")
 
 
 def test_nor_are_conditions_that_hold_by_themselves(tmp_path: Path) -> None:
@@ -60,7 +60,8 @@ def test_further_attempts_have_a_budget(left: float) -> None:
     s = mbocp.solve(weak())
     assert not s.converged
     assert (names(s) == ["monolithic"]) is (left == 0.0)
-    assert ("solver.time_limit gives more" in s.advice) is (left == 0.0)
+    remedies = "`mbocp explain FILE` looks for the limit that excludes it; else solver.time_limit gives more"
+    assert (remedies in s.advice) is (left == 0.0)
 
 
 def test_a_budget_ends_an_attempt_on_its_way(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,6 @@ import pytest
 
 import mbocp
 from mbocp._arrays import Array
-from mbocp.cli.summary_words import goal_error
 from mbocp.exceptions import (
     InconsistentStart,
     InvalidValue,
@@ -294,6 +293,7 @@ def test_limits_choose_the_branch() -> None:
 def test_a_pose_out_of_reach_is_refused_with_what_is_left() -> None:
     with pytest.raises(UnreachablePose, match=r"tool0: x = 2 m.* 1\.\d+ m away") as caught:
         Problem.create("ur5", 1.0, 10, goal={"frame": {"name": "tool0", "x": 2.0}})
+    assert str(caught.value).endswith("move the goal or the base")
     assert caught.value.frame == "tool0"
     assert caught.value.distance == pytest.approx(1.05, abs=0.2)
     assert isinstance(caught.value, UnreachableGoal)
@@ -384,8 +384,9 @@ def test_the_summary_says_how_well_it_is_met() -> None:
     problem = Problem.create(
         "ur5", 1.0, 12, goal={"v": 0, "frame": frame}, cost={"velocity": 100.0}, scheme="se1"
     )
-    assert "tool0 off by" in goal_error(solved(problem), problem)
-    assert " mm and " in goal_error(solved(problem), problem)
+    words = solved(problem).goal_error
+    assert "tool0 off by" in words
+    assert " mm and " in words
 
 
 @pytest.mark.parametrize(

@@ -307,10 +307,12 @@ def _unreachable(
         else "with no joint at a limit"
     )
     advice = "widen these limits, " if at else ""
+    turns = any(one.orientation is not None or one.axis is not None for one in found.targets)
+    other = ", or leave a part of the pose free" if turns else " or the base"
     question = "" if target.position is None else ask_millimetres(target.position, distance)
     words = (
         f"{key}: out of reach of robot {robot.name!r}: {target.words}; the nearest of {found.attempts} "
-        f"tries is {' and '.join(left)} away, {why}; {advice}move {what}, or leave a part of the pose free"
+        f"tries is {' and '.join(left)} away, {why}; {advice}move {what}{other}"
     )
     return UnreachablePose(
         robot.name, target.name, distance, angle, at, found.q, with_question(words, question)

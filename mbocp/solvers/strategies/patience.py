@@ -14,6 +14,7 @@ from mbocp.solvers.strategies.iterating import SolverResult
 _TIMES = 20.0
 # ... and where the first ends at once, others may take as long as nobody minds [s].
 _LEAST = 2.0
+MORE_TIME = "solver.time_limit gives more"
 _NO_FAILURES = (Status.CONVERGED, Status.SWITCHED, Status.INTERRUPTED, Status.TIME_LIMIT)
 
 
@@ -39,12 +40,18 @@ class Patience:
     why_in_vain : callable, optional
         Gives the reason why no attempt can succeed, if there is one, from the status of the first that
         failed. It is called once.
+    remedy : str
+        What helps, where time is over.
     """
 
     def __init__(
-        self, *, is_limited: bool = True, why_in_vain: Callable[[Status], Reason | None] | None = None
+        self,
+        *,
+        is_limited: bool = True,
+        why_in_vain: Callable[[Status], Reason | None] | None = None,
+        remedy: str = MORE_TIME,
     ) -> None:
-        self._is_limited, self._why_in_vain = is_limited, why_in_vain
+        self._is_limited, self._why_in_vain, self._remedy = is_limited, why_in_vain, remedy
         self._has_failed, self._given = False, math.inf
         self.reason: Reason | None = None
         self._spent = 0.0
@@ -64,13 +71,17 @@ class Patience:
             return ""
         return (
             f"further attempts ended after {self._given:.3g} s ({_TIMES:.0f} times what the first took, "
-            f"{_LEAST:.0f} s at least); solver.time_limit gives more"
+            f"{_LEAST:.0f} s at least); {self._remedy}"
         )
+
+    @property
+    def proof(self) -> str:
+        """Why no attempt can succeed, if that is proved; else ""."""
+        return self.reason.words if self.reason is not None and self.reason.is_certain else ""
 
     def status_of(self, status: Status) -> Status:
         """Return the status of a solve that failed: infeasible, if that is proved."""
-        is_proved = self.reason is not None and self.reason.is_certain
-        return Status.INFEASIBLE if is_proved and status not in _NO_FAILURES else status
+        return Status.INFEASIBLE if self.proof and status not in _NO_FAILURES else status
 
     def count(self, result: SolverResult) -> None:
         """Take account of a phase."""
