@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,17 +13,16 @@ from rich.text import Text
 
 from mbocp._files import is_file
 from mbocp._keys import without_links
-from mbocp._text import show
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Quiet, Robot, argument, output_file
 from mbocp.cli.console import output, plain_table
+from mbocp.cli.key_search import find_keys
 from mbocp.cli.robot_options import RobotOptions
 from mbocp.cli.solve import check_output
-from mbocp.exceptions import InvalidValue, ResultFileError, UnsupportedRobot, suggest
+from mbocp.exceptions import ResultFileError, UnsupportedRobot
 
 if TYPE_CHECKING:
     from mbocp.problem.file.keys_page import Row
 
-_INDEX = re.compile(r"\[\w+\]|\.\d+(?=\.|$)")  # path.0.kind and path[0].kind are path.kind
 SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it know it
 
 
@@ -35,10 +32,13 @@ def keys(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what keys of problem files take and mean."""
+    """Say what keys of problem files take and mean.
+
+    A word that none of them has is looked for in robot.toml.
+    """
     from mbocp.problem.file.keys_page import rows
 
-    chosen = _choose(rows(), name, every=as_json)
+    chosen = find_keys(rows(), name, every=as_json)
     if as_json:
         typer.echo(json.dumps([_facts(key, row) for key, row in chosen.items()], indent=2))
         return
@@ -52,28 +52,6 @@ def keys(
         cells = (row.takes, row.unit, row.default, row.says)
         table.add_row(Text(names, style="bold"), *(Text(without_links(cell)) for cell in cells))
     output().print(table)
-
-
-def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mapping[str, Row]:
-    """The keys that are asked for; those of tables in tables by name, or if `every` one is."""
-    from mbocp.problem.file.messages import OTHER_WORDS
-
-    at_home = known if every else {key: row for key, row in known.items() if key in row.names}
-    if name is None:
-        return at_home
-    asked = _INDEX.sub("", name)
-    found = {key: row for key, row in known.items() if f"{key}.".startswith(f"{asked}.")}
-    if not found:
-        word = re.compile(rf"\b{re.escape(asked)}", re.IGNORECASE)
-        ends = tuple(f".{end}" for end in (asked, *OTHER_WORDS.get(asked, ())[:1]))
-        within = f".{asked}."
-        found = {key: row for key, row in at_home.items() if key.endswith(ends) or within in f".{key}."}
-        found |= {key: row for key, row in at_home.items() if word.search(without_links(row.says))}
-    if not found:
-        near = suggest(asked, known)
-        hint = near if near.startswith("did") else "`mbocp keys` lists them, docs/wishes.md has examples"
-        raise InvalidValue("NAME", show(name), f"a key of problem files; {hint}")
-    return found
 
 
 def _facts(key: str, row: Row) -> dict[str, str]:
