@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,7 +17,7 @@ from mbocp._keys import without_links
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Quiet, Robot, argument, output_file
 from mbocp.cli.console import output, plain_table
 from mbocp.cli.key_search import find_keys
-from mbocp.cli.robot_options import RobotOptions
+from mbocp.cli.robot_options import ROOT, RobotOptions
 from mbocp.cli.solve import check_output
 from mbocp.exceptions import ResultFileError, UnsupportedRobot
 
@@ -78,7 +79,6 @@ def schema(
 
 
 _SUFFIXES = (".toml",)
-_ROOT = "root_joint"
 _MANY_TURNS = 1e3  # [rad]: no limit that anybody means
 
 
@@ -106,26 +106,34 @@ def new(
         raise ResultFileError(path, "is there already; give another name with -o, or --force to replace it")
     table: dict[str, Any] = options.table(_path_from(name, path))
     if robot.nu == 0:
-        if _ROOT not in robot.joint_names:
+        if ROOT not in robot.joint_names:
             raise UnsupportedRobot(
                 f"robot {robot.name!r}: nothing moves it; its joints have no motors: name those that have in "
                 "robot.actuated, or write actuators into a robot.toml"
             )
         from mbocp.robot import robot_from_spec
 
-        table["actuated"] = [_ROOT]
-        robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
+        table["actuated"] = [ROOT]
+        robot = robot_from_spec({**options.table(name), "actuated": [ROOT]})
     replace_text(path, _schema_line(path) + first_file(robot, table, path))
-    if _only_rotors(robot) and options.free_flyer is None:
-        locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
-        typer.echo(
-            f"note: all joints of {robot.name} turn without end, and none has an effort: if they are rotors "
-            f"of something that flies, say\n  mbocp new {name} --free-flyer {locks}",
-            err=True,
-        )
+    for note in _notes(name, robot, options):
+        typer.echo(f"note: {note}", err=True)
     if not quiet:
         typer.echo(f"{path}: a first motion of {robot.name}, with its joints and limits. Next:")
         typer.echo(f"  mbocp solve {path} --replay {path.with_suffix('.html')}")
+
+
+def _notes(name: str, robot: Any, options: RobotOptions) -> Iterator[str]:
+    """What may be meant otherwise than the file has it."""
+    from mbocp.robot.robot_facts import find_oddities
+
+    if _only_rotors(robot) and options.free_flyer is None:
+        locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
+        yield (
+            f"all joints of {robot.name} turn without end, and none has an effort: if they are rotors "
+            f"of something that flies, say\n  mbocp new {name} --free-flyer {locks}"
+        )
+    yield from find_oddities(robot, key="robot.mimic")
 
 
 def _schema_line(path: Path) -> str:
