@@ -69,7 +69,7 @@ def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> i
         status = tell(error)
     else:
         found.add_causes(causes_of(problem))
-        found.add_oddities(find_oddities(problem.robot))
+        found.add_oddities(find_oddities(problem.robot, problem.q_start))
         if page is not None:
             from mbocp.view.preview import write_preview
 
@@ -97,7 +97,8 @@ def _rows(problem: Problem) -> _Rows:
     rows += cause_rows(causes_of(problem))
     if words := inertia_words(describe(robot)["inertias"]):
         rows.append(("inertias", words))
-    return [*rows, *(("file", Text(words, style="yellow")) for words in find_oddities(robot))]
+    odd = find_oddities(robot, problem.q_start)
+    return [*rows, *(("file", Text(words, style="yellow")) for words in odd)]
 
 
 def _horizon(problem: Problem) -> str:

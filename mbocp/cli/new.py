@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
-from collections.abc import Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,17 +14,16 @@ from rich.text import Text
 
 from mbocp._files import is_file
 from mbocp._keys import without_links
-from mbocp._text import show
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Quiet, Robot, argument, output_file
 from mbocp.cli.console import output, plain_table
-from mbocp.cli.robot_options import RobotOptions
+from mbocp.cli.key_search import find_keys
+from mbocp.cli.robot_options import ROOT, RobotOptions
 from mbocp.cli.solve import check_output
-from mbocp.exceptions import InvalidValue, ResultFileError, UnsupportedRobot, suggest
+from mbocp.exceptions import ResultFileError, UnsupportedRobot
 
 if TYPE_CHECKING:
     from mbocp.problem.file.keys_page import Row
 
-_INDEX = re.compile(r"\[\w+\]|\.\d+(?=\.|$)")  # path.0.kind and path[0].kind are path.kind
 SCHEMA_FILE = "mbocp.schema.json"  # the name by which problem files beside it know it
 
 
@@ -35,10 +33,13 @@ def keys(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what keys of problem files take and mean."""
+    """Say what keys of problem files take and mean.
+
+    A word that none of them has is looked for in robot.toml.
+    """
     from mbocp.problem.file.keys_page import rows
 
-    chosen = _choose(rows(), name, every=as_json)
+    chosen = find_keys(rows(), name, every=as_json)
     if as_json:
         typer.echo(json.dumps([_facts(key, row) for key, row in chosen.items()], indent=2))
         return
@@ -52,28 +53,6 @@ def keys(
         cells = (row.takes, row.unit, row.default, row.says)
         table.add_row(Text(names, style="bold"), *(Text(without_links(cell)) for cell in cells))
     output().print(table)
-
-
-def _choose(known: Mapping[str, Row], name: str | None, *, every: bool) -> Mapping[str, Row]:
-    """The keys that are asked for; those of tables in tables by name, or if `every` one is."""
-    from mbocp.problem.file.messages import OTHER_WORDS
-
-    at_home = known if every else {key: row for key, row in known.items() if key in row.names}
-    if name is None:
-        return at_home
-    asked = _INDEX.sub("", name)
-    found = {key: row for key, row in known.items() if f"{key}.".startswith(f"{asked}.")}
-    if not found:
-        word = re.compile(rf"\b{re.escape(asked)}", re.IGNORECASE)
-        ends = tuple(f".{end}" for end in (asked, *OTHER_WORDS.get(asked, ())[:1]))
-        within = f".{asked}."
-        found = {key: row for key, row in at_home.items() if key.endswith(ends) or within in f".{key}."}
-        found |= {key: row for key, row in at_home.items() if word.search(without_links(row.says))}
-    if not found:
-        near = suggest(asked, known)
-        hint = near if near.startswith("did") else "`mbocp keys` lists them, docs/wishes.md has examples"
-        raise InvalidValue("NAME", show(name), f"a key of problem files; {hint}")
-    return found
 
 
 def _facts(key: str, row: Row) -> dict[str, str]:
@@ -100,7 +79,6 @@ def schema(
 
 
 _SUFFIXES = (".toml",)
-_ROOT = "root_joint"
 _MANY_TURNS = 1e3  # [rad]: no limit that anybody means
 
 
@@ -128,26 +106,34 @@ def new(
         raise ResultFileError(path, "is there already; give another name with -o, or --force to replace it")
     table: dict[str, Any] = options.table(_path_from(name, path))
     if robot.nu == 0:
-        if _ROOT not in robot.joint_names:
+        if ROOT not in robot.joint_names:
             raise UnsupportedRobot(
                 f"robot {robot.name!r}: nothing moves it; its joints have no motors: name those that have in "
                 "robot.actuated, or write actuators into a robot.toml"
             )
         from mbocp.robot import robot_from_spec
 
-        table["actuated"] = [_ROOT]
-        robot = robot_from_spec({**options.table(name), "actuated": [_ROOT]})
+        table["actuated"] = [ROOT]
+        robot = robot_from_spec({**options.table(name), "actuated": [ROOT]})
     replace_text(path, _schema_line(path) + first_file(robot, table, path))
-    if _only_rotors(robot) and options.free_flyer is None:
-        locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
-        typer.echo(
-            f"note: all joints of {robot.name} turn without end, and none has an effort: if they are rotors "
-            f"of something that flies, say\n  mbocp new {name} --free-flyer {locks}",
-            err=True,
-        )
+    for note in _notes(name, robot, options):
+        typer.echo(f"note: {note}", err=True)
     if not quiet:
         typer.echo(f"{path}: a first motion of {robot.name}, with its joints and limits. Next:")
         typer.echo(f"  mbocp solve {path} --replay {path.with_suffix('.html')}")
+
+
+def _notes(name: str, robot: Any, options: RobotOptions) -> Iterator[str]:
+    """What may be meant otherwise than the file has it."""
+    from mbocp.robot.robot_facts import find_oddities
+
+    if _only_rotors(robot) and options.free_flyer is None:
+        locks = " ".join(f"--lock {joint}" for joint in robot.joint_names)
+        yield (
+            f"all joints of {robot.name} turn without end, and none has an effort: if they are rotors "
+            f"of something that flies, say\n  mbocp new {name} --free-flyer {locks}"
+        )
+    yield from find_oddities(robot, key="robot.mimic")
 
 
 def _schema_line(path: Path) -> str:

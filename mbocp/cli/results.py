@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from mbocp.robot import Robot
     from mbocp.solution import Solution
     from mbocp.solution.sampled import JointSamples
+    from mbocp.solution.sent import Sent
 
 
 def plot(
@@ -232,7 +233,8 @@ def export(
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if of_joints and check:
-        typer.echo(f"{output}: not written; {what_helps(sent, excesses)}, or --no-check", err=True)
+        helps = what_helps(sent, excesses, result)
+        typer.echo(f"{output}: not written: {helps}; --no-check writes it all the same", err=True)
         raise typer.Exit(1)
     write_samples(motion, solution, output, name)
     if not quiet:
@@ -240,7 +242,16 @@ def export(
         typer.echo(
             f"{name}: {output}; {motion.interpolation}s over {motion.t[-1]:.6g} s{fitted}, accelerations at "
             f"its ends up to {_largest_acceleration(motion, 0)} and {_largest_acceleration(motion, -1)}"
+            f"{_points(sent, rate)}"
         )
+
+
+def _points(sent: Sent, rate: float | None) -> str:
+    """How many points the rate gives, and how many it does not."""
+    others = 0 if rate is None else sent.count_beside(rate)
+    if not others:
+        return ""
+    return f"; {len(sent.times) - others} points at {rate:g} Hz, {others} where polynomials meet"
 
 
 def _largest_acceleration(motion: JointSamples, sample: int) -> str:

@@ -14,6 +14,8 @@ from mbocp.exceptions import MbocpError, RobotError, UnsupportedRobot
 if TYPE_CHECKING:
     from mbocp.robot import Robot
 
+ROOT = "root_joint"  # under a base that floats
+
 
 @dataclass(frozen=True)
 class RobotOptions:

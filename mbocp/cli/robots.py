@@ -16,7 +16,7 @@ from rich.table import Table
 from mbocp.cli import signals
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Robot, option
 from mbocp.cli.console import count, output, plain_table
-from mbocp.cli.robot_options import RobotOptions
+from mbocp.cli.robot_options import ROOT, RobotOptions
 from mbocp.cli.solve import PAGES, check_output
 from mbocp.exceptions import UnsupportedRobot
 
@@ -111,7 +111,7 @@ def _facts(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
 def _mobility(facts: Mapping[str, Any]) -> str:
     free, controls = facts["mobility"], facts["nu"]
     if controls == 0:
-        how = "; nothing drives them" if free > 1 else "; nothing drives it"
+        how = f"; nothing drives {'them' if free > 1 else 'it'}: {_what_drives(facts)}"
     elif controls < free:
         how = f", with {count(controls, 'control')}: underactuated"
     elif controls > free:
@@ -119,6 +119,13 @@ def _mobility(facts: Mapping[str, Any]) -> str:
     else:
         how = ", each with a control" if free > 1 else ", with a control"
     return f"{count(free, 'degree')} of freedom{how}"
+
+
+def _what_drives(facts: Mapping[str, Any]) -> str:
+    """What to write for a robot without controls."""
+    if any(joint["name"] == ROOT for joint in facts["joints"]):
+        return f'robot.actuated = ["{ROOT}"] pushes the base, rotors are [[actuator]] of a robot.toml'
+    return "name joints that have motors in robot.actuated"
 
 
 def _joints(facts: Mapping[str, Any]) -> Table:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
@@ -74,10 +75,18 @@ def describe(robot: Robot) -> dict[str, Any]:
     }
 
 
-def find_oddities(robot: Robot) -> tuple[str, ...]:
+def find_oddities(robot: Robot, q_start: Array | None = None, *, key: str = "") -> tuple[str, ...]:
     """Find what is allowed in the files of a robot, and probably not meant; one line for each.
 
     Nothing is said of links that have other inertias, and of joints that are locked or follow a leader.
+
+    Parameters
+    ----------
+    robot : Robot
+    q_start : ndarray, shape (nq,), optional
+        Start of a problem [m, rad]: where it is within limits, nothing is said of where poses begin.
+    key : str, optional
+        Key of problem files: only of what it says otherwise.
     """
     found = list[Oddity]()
     parts = ("", *(part.prefix for part in robot.parts))
@@ -87,6 +96,7 @@ def find_oddities(robot: Robot) -> tuple[str, ...]:
     still = {name.removeprefix(part) for name in fixed for part in parts} - moving
     still |= {name.removeprefix(part) for name in follow for part in parts}
     mended = {one.link.removeprefix(part) for one in robot.link_inertias for part in parts}
+    outside = {name.removeprefix(part) for name in _outside(robot, q_start) for part in parts}
     folders = [absolute(folder, None) for folder in robot.spec.get("package_dirs", ())]
     for path in robot.sources:
         try:
@@ -94,7 +104,15 @@ def find_oddities(robot: Robot) -> tuple[str, ...]:
             found += [one for one in read if one.link not in mended and one.joint not in still]
         except MbocpError:  # the file has changed, or is no longer there
             continue
-    return tuple(_join_alike(found))
+    found = [one for one in found if one.key != "start.q" or one.joint in outside]
+    return tuple(_join_alike(one for one in found if key in ("", one.key)))
+
+
+def _outside(robot: Robot, q: Array | None) -> list[str]:
+    """Joints that are not within their limits, or of which no pose is given."""
+    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    is_within = np.zeros(robot.nq, dtype=np.bool_) if q is None else (lower <= q) & (q <= upper)
+    return [name for name in robot.joint_names if not is_within[robot.configuration_indices(name)].all()]
 
 
 def _join_alike(found: Iterable[Oddity]) -> Iterator[str]:

@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp._text import list_names, printable, warn_caller
+from mbocp._text import list_names, printable, show, warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.robot import Robot
 from mbocp.solution.atomic import replace_file
@@ -52,10 +52,13 @@ def format_of(path: Path, name: str | None = None) -> str:
     InvalidValue
         If there is no such format.
     """
-    chosen = name or _SUFFIXES.get(path.suffix.lower(), "")
+    chosen = name or _SUFFIXES.get(path.suffix.lower())
+    if chosen is None:
+        listed = ", ".join(f"{suffix} ({kind})" for suffix, kind in _SUFFIXES.items())
+        raise InvalidValue("format", show(path.suffix or path.name), f"a suffix that says it: {listed}")
     known = (*FORMATS, *RECORDINGS)
     if chosen not in known:
-        raise InvalidValue.of_choice("format", name or path.suffix or path.name, known)
+        raise InvalidValue.of_choice("format", chosen, known)
     return chosen
 
 
@@ -118,8 +121,13 @@ def export_motion(
     return write_samples(sample(sent, load_robot), solution, path, name)
 
 
-def what_helps(sent: Sent, excesses: Sequence[Excess]) -> str:
-    """Say what may keep a motion within limits that it leaves as it is sent, the worst first."""
+def what_helps(sent: Sent, excesses: Sequence[Excess], result: Path | str = "RESULT.h5") -> str:
+    """Say what may keep a motion within limits that it leaves as it is sent, the worst first.
+
+    Of one that is no solution: what says why; `result` is its file.
+    """
+    if not sent.solution.is_stationary:
+        return f"the solve did not converge; `mbocp explain {result}` says why"
     if sent.is_nearest and excesses[0].kind in ("position", "speed", "acceleration"):
         return "the state in which it begins leads there: begin slower, or with less acceleration"
     if sent.curves.has_impacts and excesses[0].kind in ("acceleration", "jerk"):

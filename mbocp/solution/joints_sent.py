@@ -171,7 +171,10 @@ def read_joints(solution: SolutionData, *, is_joined: bool) -> tuple[Joints, Cur
     """Joints, cubics, and by how much these lag behind the nodes [s]."""
     columns = list(_columns(solution))
     if not columns:
-        expected = "joints that slide or turn about an axis; Solution.to_csv and recordings (.mcap) have all"
+        expected = (
+            "joints that slide or turn about an axis: floating bases and balls have no joint trajectory; "
+            "`mbocp export` to .mcap or .rrd, and Solution.to_csv in Python, write their motion"
+        )
         raise InvalidValue("solution", "no joint of one velocity", expected)
     names, positions, at_v = (list(one) for one in zip(*columns, strict=True))
     places = {column.name: k for k, column in enumerate(solution.labels.q)}

@@ -89,6 +89,11 @@ class Sent:
         slower = f"slower by {100.0 * (self.slower - 1.0):.2g} %" if self.slower > 1.0 else ""
         return ", ".join(word for word in (mean, nearest, slower) if word)
 
+    def count_beside(self, rate: float) -> int:
+        """Count samples before the last that no multiple of 1/`rate` [s] is at, but a node of the curves."""
+        places = rate * self.times[:-1]
+        return int((np.abs(places - np.round(places)) > rate * _SAME).sum())
+
     def times_of(self, t: Array) -> Array:
         """When it is where the solution is at times t [s]; before its start, or after its end, for some."""
         since = t - self.solution.t[0] + self.lag

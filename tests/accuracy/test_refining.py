@@ -401,5 +401,6 @@ def test_numbers_that_make_no_sense_are_refused() -> None:
         case.with_(num_steps=4, lengths=[0.5, 1.0, 1.0, 0.0])
     with pytest.raises(ProblemError, match=r"horizon\.lengths: they take 2 s"):
         case.with_(num_steps=4, lengths=[0.5, 0.5, 0.5, 0.5])
+    both = ["horizon.accuracy=1e-4", "horizon.steps=10"]
     with pytest.raises(ProblemError, match="steps and accuracy both say which steps there are"):
-        mbocp.load_problem(EXAMPLES / "paper/elastic_pendulum.toml", ["horizon.accuracy=1e-4"])
+        mbocp.load_problem(EXAMPLES / "paper/elastic_pendulum.toml", both)

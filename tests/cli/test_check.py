@@ -158,6 +158,17 @@ def test_odd_limits_are_told(tmp_path):
         assert words in told(tmp_path, arm(body, limit))
 
 
+def test_limits_without_zero_are_told_where_the_start_is_not_within_them():
+    panda = load_robot("panda")
+    q = panda.q0.copy()
+    elbow = panda.configuration_indices("panda_joint4")
+    q[elbow] = -1.5
+    assert not any("exclude zero" in words for words in oddities_of(panda, q))
+    q[elbow] = 0.0
+    assert any("exclude zero" in words for words in oddities_of(panda, q))
+    assert any("exclude zero" in words for words in oddities_of(panda))
+
+
 def test_mimic_joints_and_those_of_the_examples_say_nothing(tmp_path):
     assert told(tmp_path, chain("revolute", "prismatic")) == ""
 

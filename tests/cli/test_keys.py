@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from mbocp.problem.file.keys_page import all_keys, rows
+from mbocp.robot.loading.robot_toml import TABLES
 
 from .conftest import Run
 
@@ -70,8 +71,24 @@ def test_keys_of_what_a_robot_carries_are_told(run: Run) -> None:
     assert "robot.payload.com" in facts(run, "centre of mass")
 
 
-def test_a_word_that_no_key_has_names_no_others(run: Run) -> None:
-    done = run("keys", "marmalade")
+def test_keys_of_robot_toml_are_found_where_no_problem_has_them(run: Run) -> None:
+    found = facts(run, "actuator")
+    assert all(name.startswith("[[actuator]]") for name in found)
+    assert len(found) == len(TABLES["actuator"])
+    (thruster,) = facts(run, "thruster").values()
+    assert "reaction torque about it; keys: frame, name, axis" in thruster["says"]
+    assert thruster["says"].endswith("of robot.toml: docs/robot_toml.md")
+    assert set(facts(run, "robot.spherical")) == {"spherical"}
+
+
+@pytest.mark.parametrize(("name", "meant"), [("velocty", "limits.velocity"), ("thrustr", "thruster")])
+def test_last_parts_may_be_misspelt(run: Run, name: str, meant: str) -> None:
+    assert run("keys", name).stderr.endswith(f"did you mean '{meant}'?\n")
+
+
+@pytest.mark.parametrize("word", ["marmalade", "hover"])
+def test_a_word_that_no_key_has_names_no_others(run: Run, word: str) -> None:
+    done = run("keys", word)
     assert done.exit_code == 2
     assert done.stderr.endswith("`mbocp keys` lists them, docs/wishes.md has examples\n")
 

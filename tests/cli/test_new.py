@@ -188,6 +188,22 @@ def test_rotors_without_a_floating_base_are_told(run, here):
     assert mbocp.load_problem(here / "flier.toml").robot.nu == 6
 
 
+def test_a_force_on_the_base_is_told(run, here):
+    assert run("new", "hector").exit_code == 0
+    text = (here / "hector.toml").read_text()
+    assert "# pushes it sideways, too, as no quadrotor can: rotors are [[actuator]] of a robot.toml" in text
+    said = " ".join(run("robots", "hector").stdout.split())
+    assert 'nothing drives them: robot.actuated = ["root_joint"]' in said
+
+
+def test_fingers_that_mimic_in_the_file_are_told(run, here):
+    told = run("new", "panda").stderr.splitlines()
+    assert [line for line in told if line.startswith("note: ")] == told
+    assert len(told) == 1
+    assert told[0].endswith("robot.mimic = true couples them")
+    assert "note" not in run("new", "panda", "--lock", "panda_finger_joint2", "-o", "held.toml").stderr
+
+
 def test_an_arm_has_no_rotors(run, here):
     assert "note" not in run("new", "ur5").stderr
 

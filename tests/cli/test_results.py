@@ -17,8 +17,10 @@ import mbocp
 import mbocp.view.of_solution
 import mbocp.view.report
 from mbocp.cli.solution_summary import print_rows
+from mbocp.exceptions import LimitsExceeded
 from mbocp.solution import Solution
 from mbocp.solution.problem_facts import Facts, PathRow
+from mbocp.solvers import Status
 from tests.solution.fabricated import humanoid, limited, pendulum
 
 from .conftest import Run
@@ -258,7 +260,23 @@ def test_a_motion_is_exported(run, tmp_path, result):
     done = run("export", str(result), "-o", str(target), "--rate", "100")
     assert done.exit_code == 0, done.stderr
     assert target.read_text().startswith("t [s],q:")
-    assert run("export", str(result), "-o", str(tmp_path / "motion.xls")).exit_code == 2
+    assert "points at" not in done.stdout
+    done = run("export", str(result), "-o", str(tmp_path / "motion.xls"))
+    assert done.exit_code == 2
+    assert "got '.xls', expected a suffix that says it: .csv (csv), .yaml (ros2)" in done.stderr
+
+
+def test_points_beside_the_rate_are_told(run, tmp_path, result):
+    target = tmp_path / "motion.yaml"
+    done = run("export", str(result), "-o", str(target), "--rate", "73")
+    stamps = [
+        int(sec) + 1e-9 * int(nanosec)
+        for sec, nanosec in re.findall(r"sec: (\d+), nanosec: (\d+)", target.read_text())
+    ]
+    others = sum(abs(73.0 * t - round(73.0 * t)) > 1e-6 for t in stamps[:-1])
+    assert others > 0
+    told = f"{len(stamps) - others} points at 73 Hz, {others} where polynomials meet"
+    assert told in " ".join(done.stdout.split())
 
 
 def test_export_checks_limits_unless_it_is_asked_not_to(run, tmp_path, result):
@@ -274,6 +292,19 @@ def test_export_checks_limits_unless_it_is_asked_not_to(run, tmp_path, result):
     assert not target.exists()
     told = [line for line in done.stderr.splitlines() if "leaves its limits: speed" in line]
     assert len(told) == solution.nv
+    assert f"{target}: not written: take more steps; --no-check writes it" in done.stderr
+
+
+def test_more_steps_do_not_help_what_is_no_solution(run, tmp_path, result):
+    solution = Solution.load(result)
+    slower = np.abs(solution.vs).max(axis=0) * np.array([[-0.5], [0.5]])
+    failed = dataclasses.replace(solution, limits_v=slower, status=Status.INFEASIBLE)
+    target, file = tmp_path / "motion.csv", failed.save(tmp_path / "failed.h5")
+    done = run("export", str(file), "-o", str(target))
+    assert done.exit_code == 1
+    assert f"the solve did not converge; `mbocp explain {file}` says why; --no-check writes it" in done.stderr
+    with pytest.raises(LimitsExceeded, match="did not converge"):
+        failed.export(target)
 
 
 @pytest.mark.parametrize(("suffix", "default"), [("yaml", "quintics"), ("csv", "cubics")])

@@ -212,5 +212,5 @@ def test_what_does_not_fit_is_refused(tmp_path):
     point = fabricate(
         [Column(f"base.q{c}", "") for c in "xyzw"], [Column(f"base.w{c}", "rad/s") for c in "xyz"], []
     )
-    with pytest.raises(InvalidValue, match=r"no joint of one velocity.*Solution\.to_csv"):
+    with pytest.raises(InvalidValue, match=r"floating bases.*to \.mcap.*Solution\.to_csv"):
         sample(point)

@@ -15,7 +15,7 @@ from mbocp._text import show
 from mbocp.exceptions import ProblemError, suggest
 from mbocp.problem.document import UNSAID, Document, robot_in
 from mbocp.problem.file.goal_table import GoalMemberTable
-from mbocp.problem.file.overrides import SHORT
+from mbocp.problem.file.overrides import SHORT, without_rivals
 from mbocp.problem.file.path_table import path_tables
 from mbocp.problem.file.read_tables import READ, ProblemTable
 from mbocp.problem.goals.goal import Goal
@@ -48,7 +48,6 @@ _INNER = (
     "cost_reader",
 )
 _ABOUT = ("robot", "terms", "source", "name", "coordinates")
-_RATES = {"v": "p", "p": "v"}  # of start and goal: one takes the place of the other
 
 
 def _table_of(step: Step) -> str:
@@ -194,7 +193,7 @@ def _change_table(name: str, old: Any, table: Any) -> Any:
     if name == "goal" and "any" in {**old, **table}:
         return _goal_of_several(old, table)
     if name in ("start", "goal"):
-        old = {key: entry for key, entry in old.items() if _RATES.get(key) not in table}
+        old = without_rivals(name, old, table)
     if name == "goal" and "frame" in table and isinstance(old.get("q"), list):  # it gives every joint
         old = _without(old, "q")
     return {**old, **table}
@@ -204,7 +203,7 @@ def _goal_of_several(old: Mapping[str, Any], table: Mapping[str, Any]) -> dict[s
     """Several goals take the place of what there was; other keys change in each of those that there are."""
     if "any" in table:
         return dict(table)
-    others = [{k: v for k, v in member.items() if _RATES.get(k) not in table} for member in old["any"]]
+    others = [without_rivals("goal", member, table) for member in old["any"]]
     of_all = {k: v for k, v in table.items() if k not in GoalMemberTable.model_fields}
     of_each = {k: v for k, v in table.items() if k not in of_all}
     return {**old, **of_all, "any": [{**member, **of_each} for member in others]}

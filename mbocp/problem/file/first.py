@@ -173,7 +173,10 @@ def _size(value: float, unit: str) -> str:
 
 
 def _robot(table: Mapping[str, Any]) -> list[str]:
-    return ["[robot]", *(f"{toml_key(key)} = {_value(value)}" for key, value in table.items())]
+    words = "pushes it sideways, too, as no quadrotor can: rotors are [[actuator]] of a robot.toml"
+    comments = {"actuated": words}
+    rows = ((f"{toml_key(key)} = {_value(value)}", comments.get(key, "")) for key, value in table.items())
+    return ["[robot]", *(_with(*row) for row in rows)]
 
 
 def _q(robot: Robot, motion: FirstMotion, which: str) -> list[str]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from mbocp._arrays import plain
@@ -16,6 +17,18 @@ from mbocp.exceptions import ProblemFileError, Unreadable
 _BARE_WORDS = re.compile(r"[A-Za-z_./~][\w./~+-]*|[+-]?[\d.]+(?:e[+-]?\d+)? [A-Za-z][\w/()^* ]*")
 
 SHORT = {"robot": "name", "solver": "method"}  # `robot = "ur5"` is short for `[robot] name = "ur5"`
+
+# Keys of a table of which one says what another would: the one that is set takes the place of the others.
+RIVALS = MappingProxyType(
+    {"horizon": ("steps", "accuracy", "lengths"), "start": ("v", "p"), "goal": ("v", "p")}
+)
+
+
+def without_rivals(name: str, table: Mapping[str, Any], keys: Collection[str]) -> dict[str, Any]:
+    """Return a table of a problem file without those keys whose place `keys` take."""
+    rivals = RIVALS.get(name, ())
+    taken = {rival for key in rivals if key in keys for rival in rivals if rival != key}
+    return {key: value for key, value in table.items() if key not in taken}
 
 
 def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
@@ -35,7 +48,7 @@ def parse_override(text: str) -> tuple[tuple[str, ...], Any]:
 def apply_overrides(
     document: Mapping[str, Any], overrides: Mapping[str, Any] | Sequence[str]
 ) -> dict[str, Any]:
-    """Return a copy of `document` with the `overrides` in place.
+    """Return a copy of `document` with the `overrides` in place, without what they take the place of.
 
     Parameters
     ----------
@@ -51,6 +64,10 @@ def apply_overrides(
         pairs = [(_parse_key(str(key), str(key)), plain(value)) for key, value in overrides.items()]
     else:
         pairs = [parse_override(text) for text in overrides]
+    for name in RIVALS:
+        if isinstance(table := result.get(name), dict):
+            keys = {path[1] for path, _ in pairs if path[0] == name and len(path) == 2}
+            result[name] = without_rivals(name, table, keys)
     for path, value in pairs:
         _put(result, path, value)
     return result

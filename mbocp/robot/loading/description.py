@@ -27,11 +27,15 @@ _BASE_NQ = 7  # numbers of its configuration
 
 
 class Oddity(NamedTuple):
-    """What is allowed and probably not meant, of a joint, a link, or (both are "") the file."""
+    """What is allowed and probably not meant, of a joint, a link, or (both are "") the file.
+
+    `key` of problem files says otherwise, where one does.
+    """
 
     words: str
     joint: str = ""
     link: str = ""
+    key: str = ""
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("start.v=[0,0,0,0,0,inf]", "start.v", "got inf at index 5"),
         ("goal.q=[0,0,0,0,0,0,0]", "goal.q", r"got shape \(7,\), expected \(6,\)"),
         ("goal.v=[0,0]", "goal.v", r"got shape \(2,\), expected \(6,\)"),
-        ("goal.p=[0,0,0,0,0,0]", "goal", "give v or p, not both"),
+        ("goal={v=0,p=[0,0,0,0,0,0]}", "goal", "give v or p, not both"),
         (
             "goal.enforce='exakt'",
             "goal.enforce",

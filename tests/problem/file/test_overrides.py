@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbocp.exceptions import ProblemFileError
+from mbocp.exceptions import ProblemError, ProblemFileError
 from mbocp.problem import Problem
 from mbocp.problem.file.overrides import apply_overrides, parse_override
 
@@ -71,6 +71,26 @@ def test_below_a_value_is_an_error() -> None:
 
 def test_new_tables_are_made() -> None:
     assert apply_overrides({}, ["a.b.c=1", "a.b.d=2"]) == {"a": {"b": {"c": 1, "d": 2}}}
+
+
+@pytest.mark.parametrize(
+    ("table", "setting", "left"),
+    [
+        ({"steps": 9, "duration": 1}, "horizon.accuracy=1e-4", {"duration": 1, "accuracy": 1e-4}),
+        ({"accuracy": 1e-4}, "horizon.steps=9", {"steps": 9}),
+        ({"lengths": [1, 2]}, "horizon.steps=9", {"steps": 9}),
+        ({"steps": 9}, "horizon.duration=2", {"steps": 9, "duration": 2}),
+    ],
+)
+def test_a_key_takes_the_place_of_what_excludes_it(table: Any, setting: str, left: Any) -> None:
+    assert apply_overrides({"horizon": table}, [setting]) == {"horizon": left}
+
+
+def test_settings_do_not_take_the_place_of_each_other(load: Loader) -> None:
+    with pytest.raises(ProblemError, match="steps and accuracy both say which steps there are"):
+        load("horizon.steps=7", "horizon.accuracy=1e-4")
+    rates = apply_overrides({"start": {"v": 0}}, ["start.p=[1]"])
+    assert rates == {"start": {"p": [1]}}
 
 
 def test_mapping_with_arrays() -> None:

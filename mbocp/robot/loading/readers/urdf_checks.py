@@ -187,7 +187,7 @@ def find_oddities(path: Path, root: ElementTree.Element) -> Iterator[Oddity]:
         if inertial.link in moving:
             yield from (Oddity(words, link=inertial.link) for words in _of_inertia(inertial))
     for joint in root.iterfind("joint"):
-        yield from (Oddity(words, joint=joint.get("name", "")) for words in _of_joint(joint))
+        yield from (Oddity(words, joint.get("name", ""), key=key) for words, key in _of_joint(joint))
 
 
 def _of_inertia(inertial: Inertial) -> Iterator[str]:
@@ -210,11 +210,14 @@ def _of_inertia(inertial: Inertial) -> Iterator[str]:
         yield f"{what} is a body {2 * radius:.3g} m across: are the units right?"
 
 
-def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
-    """What is odd about one joint, without its name."""
+def _of_joint(joint: ElementTree.Element) -> Iterator[tuple[str, str]]:
+    """What is odd about one joint, without its name, and the key that says otherwise."""
     kind = joint.get("type")
     if (leader := child_attribute(joint, "mimic", "joint")) is not None:
-        yield f"mimics {show(leader)} in the file, and moves by itself here: robot.mimic = true couples them"
+        words = (
+            f"mimics {show(leader)} in the file, and moves by itself here: robot.mimic = true couples them"
+        )
+        yield words, "robot.mimic"
         return
     if kind not in (*_WITH_LIMITS, "continuous"):
         return
@@ -226,14 +229,14 @@ def _of_joint(joint: ElementTree.Element) -> Iterator[str]:
         yield from _of_range(limit["lower"], limit["upper"])
     for key in ("effort", "velocity"):
         if limit[key] is None:
-            yield f"no {key} in <limit>: limits.{key} = true does not bound it"
+            yield f"no {key} in <limit>: limits.{key} = true does not bound it", ""
         elif limit[key] == 0.0:
-            yield f"zero {key} in <limit>: limits.{key} = true would not let it move"
+            yield f"zero {key} in <limit>: limits.{key} = true would not let it move", ""
 
 
-def _of_range(lower: float, upper: float) -> Iterator[str]:
+def _of_range(lower: float, upper: float) -> Iterator[tuple[str, str]]:
     if lower >= upper:
-        yield f"its lower limit {lower:g} is not below its upper {upper:g}: it cannot move"
+        yield f"its lower limit {lower:g} is not below its upper {upper:g}: it cannot move", ""
     elif lower > 0.0 or upper < 0.0:
         words = "exclude zero, where poses begin unless start.q says another"
-        yield f"its limits {lower:g} ... {upper:g} {words}"
+        yield f"its limits {lower:g} ... {upper:g} {words}", "start.q"
