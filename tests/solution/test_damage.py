@@ -163,7 +163,7 @@ def test_what_an_old_file_declares_and_does_not_hold_takes_no_memory(
     name: str, shape: tuple[int, ...], packing: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     make_old(pendulum().save(tmp_path / "old.h5"), never_written(name, shape, compression=packing))
-    monkeypatch.setattr(guarded, "LIMITS", guarded.Limits(memory=700 << 20))
+    monkeypatch.setattr(guarded, "LIMITS", guarded.ReadLimits(memory=700 << 20))
     words = rf"{name.partition('/')[2]} declares \d+ bytes, and 0 were written"
     with pytest.raises(ResultFileError, match=words):
         Solution.load(tmp_path / "old.h5")
@@ -200,7 +200,7 @@ def test_a_process_that_crashes_or_never_ends_is_one_line(
     limit = "import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 2))\n"
     monkeypatch.setattr(guarded, "_START", limit + code)
     monkeypatch.setattr(
-        guarded, "LIMITS", guarded.Limits(cpu_seconds=1, wall_seconds=0.5 if "sleep" in code else 60.0)
+        guarded, "LIMITS", guarded.ReadLimits(cpu_seconds=1, wall_seconds=0.5 if "sleep" in code else 60.0)
     )
     with pytest.raises(ResultFileError, match=reason):
         Solution.load(tmp_path / "old.h5")
@@ -208,7 +208,7 @@ def test_a_process_that_crashes_or_never_ends_is_one_line(
 
 def test_the_process_has_limits_of_time_and_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     make_old(pendulum(num_steps=2).save(tmp_path / "old.h5"))
-    monkeypatch.setattr(guarded, "LIMITS", guarded.Limits(memory=1 << 20))
+    monkeypatch.setattr(guarded, "LIMITS", guarded.ReadLimits(memory=1 << 20))
     with pytest.raises(ResultFileError, match="is damaged"):
         Solution.load(tmp_path / "old.h5")
 

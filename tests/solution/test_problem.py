@@ -53,7 +53,7 @@ def test_facts_survive_texts_and_files(name: str) -> None:
 
 
 def test_facts_are_what_the_problem_says() -> None:
-    assert facts_of(made("plain")) == Facts(a_start=(0.0, 0.0))
+    assert facts_of(made("plain")) == Facts(a_start=(0.0, 0.0), ties=0)
     assert facts_of(made("free")).duration_range == (0.5, 2.0)
     rates = facts_of(made("rates"))
     np.testing.assert_array_equal(rates.bounds_of_rate("acceleration"), [[-50.0] * 2, [50.0] * 2])
