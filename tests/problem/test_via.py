@@ -298,8 +298,8 @@ def test_pure_values_check_themselves() -> None:
 
 
 def test_natural_coordinates_keep_poses_and_refuse_joints() -> None:
-    words: dict[str, Any] = {"steps": 20, "coordinates": "natural"}
+    words: dict[str, Any] = {"steps": 16, "coordinates": "natural"}
     problem = arm([{"share": 0.5, "frame": {**POSE, "position_tolerance": 0.01}}], **words)
-    assert errors(problem.timeline.waypoints[0], solved(problem), 10).max() <= 1e-9
+    assert errors(problem.timeline.waypoints[0], solved(problem), 8).max() <= 1e-9
     with pytest.raises(ProblemError, match="via '1': natural coordinates have no joint"):
         arm([{"share": 0.5, "q": [0.1] * 6}], **words)
