@@ -2,7 +2,7 @@
 
 Each strategy is frozen, has one method, `run(job)`, and holds those that it runs:
 
-    BestInTime              the best solution by then, where functions are not compiled in time
+    BestInTime              the best solution by then, where functions are not compiled in time, or on Ctrl-C
       NearSpline            near the spline that tells most about the robot
       Refining              one number of steps after another, until the accuracy is reached
         RoomForTubes        again within tighter limits, until they leave room for what is uncertain

@@ -72,6 +72,8 @@ class Refinement:
         try:
             search.run()
         except KeyboardInterrupt:
+            if not search.rounds:
+                raise
             search.interrupt()
         solution = search.solution()
         more, spent = search.taken - solution.iterations, time.perf_counter() - begun - solution.wall_time_s
@@ -116,9 +118,7 @@ class _Search:
                 break
 
     def interrupt(self) -> None:
-        """End with the last round; raise again where there is none yet."""
-        if not self.rounds:
-            raise
+        """End with the last round."""
         self.failed = retold(self.rounds[-1].solution, status=Status.INTERRUPTED, advice="interrupted")
 
     def solution(self) -> Solution:
