@@ -93,9 +93,9 @@ def _limits(solution: Solution) -> str:
     """Which limits the motion touches, and by how much it leaves them; nothing where there are none."""
     violation = solution.limit_violation
     is_left = violation >= BOUND_TOLERANCE
-    if not (_is_bounded(solution) or is_left):
-        return ""
     active = [_touches(limit) for limit in solution.active_limits]
+    if not (_is_bounded(solution) or is_left or active):
+        return ""
     listed = "\n".join(active[:_MAX_LIMITS]) or "none is active"
     if len(active) > _MAX_LIMITS:
         listed += f"\nand {len(active) - _MAX_LIMITS} more"
