@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from mbocp.accuracy.of_solution import follows_fast, with_accuracy
+from mbocp.accuracy.solution_accuracy import follows_fast, with_accuracy
 from mbocp.exceptions import NotConverged, ProblemError
 from mbocp.job import Job
 from mbocp.problem import Problem

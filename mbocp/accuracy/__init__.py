@@ -8,8 +8,8 @@ from mbocp._exports import names_of
 
 if TYPE_CHECKING:
     from mbocp.accuracy.errors import accuracy_of as accuracy_of
-    from mbocp.accuracy.of_solution import follows_fast as follows_fast
-    from mbocp.accuracy.of_solution import with_accuracy as with_accuracy
+    from mbocp.accuracy.solution_accuracy import follows_fast as follows_fast
+    from mbocp.accuracy.solution_accuracy import with_accuracy as with_accuracy
 
 
 __getattr__ = names_of(__name__, __file__)

@@ -25,7 +25,6 @@ import numpy as np
 
 from mbocp._arrays import dataclass
 from mbocp.accuracy.mesh import MOST_STEPS, Mesh, first_mesh
-from mbocp.accuracy.of_solution import with_accuracy
 from mbocp.accuracy.rounds import (
     Round,
     accuracy_targets,
@@ -34,6 +33,7 @@ from mbocp.accuracy.rounds import (
     step_errors_of,
     with_joints,
 )
+from mbocp.accuracy.solution_accuracy import with_accuracy
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Problem
 from mbocp.solution import Phase, Solution

@@ -25,7 +25,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp.accuracy.costs import CostLimit, cost_error, cost_limit
 from mbocp.accuracy.errors import StepErrors, step_errors
 from mbocp.accuracy.mesh import ErrorTargets, Mesh, control_shares
-from mbocp.accuracy.of_solution import motion_of
+from mbocp.accuracy.solution_accuracy import motion_of
 from mbocp.integrators import SCHEMES, cost_order
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES

@@ -14,8 +14,8 @@ import mbocp
 from mbocp.accuracy.costs import CostLimit
 from mbocp.accuracy.errors import step_errors
 from mbocp.accuracy.mesh import ErrorTargets, lengths_for
-from mbocp.accuracy.of_solution import motion_of
 from mbocp.accuracy.rounds import Round
+from mbocp.accuracy.solution_accuracy import motion_of
 from mbocp.cli.solution_summary import solution_rows
 from tests.phases.test_partings import thrown
 

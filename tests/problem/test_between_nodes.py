@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from typer.testing import CliRunner
 
 import mbocp
-from mbocp.accuracy.of_solution import motion_of
+from mbocp.accuracy.solution_accuracy import motion_of
 from mbocp.cli.app import app
 from mbocp.formulation import Motion, formulate
 from mbocp.job import Job
