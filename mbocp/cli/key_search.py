@@ -95,8 +95,9 @@ def _types(table: type[BaseModel]) -> tuple[str, ...]:
 
 
 def _near(asked: str, known: Mapping[str, Row]) -> str:
-    """Names of which it is a misspelling, as whole or by their last part; "" without."""
+    """Names of which it is a misspelling in whatever case, as whole or by their last part; "" without."""
     inner_first = sorted(known, key=lambda key: -key.count("."))
     names = {key.rpartition(".")[2]: key for key in inner_first} | {key: key for key in known}
     names |= {word: word for name, _ in _robot_rows() for word in re.findall(r"\w{3,}", name)}
-    return " or ".join(show(names[one]) for one in difflib.get_close_matches(asked, names, cutoff=_CLOSE))
+    close = difflib.get_close_matches(asked.casefold(), names, cutoff=_CLOSE)  # all of them are small letters
+    return " or ".join(show(names[one]) for one in close)

@@ -81,7 +81,10 @@ def test_keys_of_robot_toml_are_found_where_no_problem_has_them(run: Run) -> Non
     assert set(facts(run, "robot.spherical")) == {"spherical"}
 
 
-@pytest.mark.parametrize(("name", "meant"), [("velocty", "limits.velocity"), ("thrustr", "thruster")])
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("velocty", "limits.velocity"), ("Velocty", "limits.velocity"), ("thrustr", "thruster")],
+)
 def test_last_parts_may_be_misspelt(run: Run, name: str, meant: str) -> None:
     assert run("keys", name).stderr.endswith(f"did you mean '{meant}'?\n")
 
