@@ -41,7 +41,7 @@ packages=$root/usr/local/lib/$version/dist-packages
 [ -e "$packages/casadi" ] || install "$packages" "$work"/wheel/*.whl pytest hypothesis mpmath
 install "$packages" --no-deps --upgrade "$work"/wheel/*.whl
 mkdir "$root/tree"
-git archive HEAD tests examples robots pyproject.toml | tar -x -C "$root/tree" # what is imported is the wheel
+git archive HEAD . ':!mbocp' | tar -x -C "$root/tree" # what is imported is the wheel
 
 cp "$work/build/kernel_tests" "$root/tree"
 inside() {

@@ -44,6 +44,13 @@ def test_dynamics_that_amplify_leave_no_end_condition_out(name: str, seed: int, 
     assert "left out" not in row["advice"]
 
 
+def test_a_barrier_that_rose_at_a_huge_cost_falls_with_it(tmp_path: Path) -> None:
+    """A system was singular where the cost was a billion times that of the optimum."""
+    row = run_task("double_pendulum_stages", 91002, tmp_path)
+    assert (row["status"], row["failures"]) == ("converged", [])
+    assert row["residual"] <= 1e-8
+
+
 def test_a_motion_in_another_configuration_is_found(tmp_path: Path) -> None:
     """The controls hold the arm folded alone, which the pose of the goal does not say."""
     row = run_task("double_pendulum_pose", 5, tmp_path)

@@ -97,11 +97,18 @@ def test_partings_are_bounded_with_the_step_before() -> None:
 
 
 @pytest.mark.parametrize(
-    ("coordinates", "rest"), [("joint", 0.1), ("joint", {"min": 0.05, "max": 0.12}), ("natural", 0.1)]
+    ("coordinates", "rest", "least"),
+    [
+        ("joint", 0.1, 0.0),
+        ("joint", 0.1, 0.5),  # [N], with steps of two thirds of the mean length
+        ("joint", {"min": 0.05, "max": 0.12}, 0.0),
+        ("natural", 0.1, 0.0),
+        ("natural", 0.1, 0.5),
+    ],
 )
-def test_a_parting_pulls_no_more_than_the_last_step_pushes(coordinates: str, rest: Any) -> None:
-    """The tip slides along a wall, which is to push where it would pull: together they are nothing."""
-    problem = lands(coordinates, rest, kind="line", normal=[0, -1, 0], min_normal=0.0, friction=None)
+def test_a_parting_leaves_of_the_last_force_what_is_asked(coordinates: str, rest: Any, least: float) -> None:
+    """The tip slides along a wall, which is to push where it would pull: together they push as asked."""
+    problem = lands(coordinates, rest, kind="line", normal=[0, -1, 0], min_normal=least, friction=None)
     solution = mbocp.solve(problem, check=True)
     table, step = problem.timeline.switches, problem.impacts[1]
     assert table is not None
@@ -109,7 +116,7 @@ def test_a_parting_pulls_no_more_than_the_last_step_pushes(coordinates: str, res
     forces = problem.contacts[0].wrenches(own)[:, 0]
     from_parting = forces[step] / (solution.t[step] - solution.t[step - 1])
     assert from_parting < -1e-4  # [N], by what steps of the midpoint rule leave
-    assert forces[step - 1] + from_parting == pytest.approx(0.0, abs=1e-6)
+    assert forces[step - 1] + from_parting == pytest.approx(least, abs=1e-6)
 
 
 def test_the_key_is_written_and_read() -> None:

@@ -175,6 +175,8 @@ Care Newton::care_of(const NewtonState& state) const {
 
 // It falls where the iterate allows it, or rises where round-off hides the smallest curvature.
 void Newton::choose_barrier(NewtonState& state) const {
+    // It may have risen at an iterate of a huge cost.
+    state.least_barrier = std::min(state.least_barrier, highest_barrier(state));
     if (state.barrier > 0.0) update_barrier(state);
     if (state.least_barrier > 0.0 && state.shift > 0.0 && !state.reference) sharpen(state);
 }
@@ -450,9 +452,13 @@ Direction Newton::aim(NewtonState& state) const {
     return programme.riccati.solve(1);
 }
 
+// To which it may rise: products of multipliers and distances are parts of what the cost may still fall by.
+double Newton::highest_barrier(const NewtonState& state) const {
+    return settings_.tolerance * std::max(1.0, std::abs(state.evaluation.cost));
+}
+
 void Newton::raise_barrier(NewtonState& state) const {
-    const double most = settings_.tolerance * std::max(1.0, std::abs(state.evaluation.cost));
-    const double barrier = std::min(rise * state.barrier, most);
+    const double barrier = std::min(rise * state.barrier, highest_barrier(state));
     if (barrier <= state.barrier) return;
     state.centring.reset();
     state.least_barrier = barrier;

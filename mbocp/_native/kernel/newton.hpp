@@ -102,6 +102,7 @@ private:
 
     bool predicts(const NewtonState& state) const;
     double least_of(const NewtonState& state) const;
+    double highest_barrier(const NewtonState& state) const;
     bool recentre(NewtonState& state) const;
     Direction aim(NewtonState& state) const;
 

@@ -25,7 +25,7 @@ from mbocp.terms.contact import ContactTerm
 
 _ACTIVE = "active"  # the stage parameters e
 _IS_IMPACT = "is_impact"  # the stage parameter k
-_JOINS = "joins"  # what of the force before a parting is part of its impulse, 0 in other steps
+_SHARES = ("own_share", "share_before")  # of a step's force and of that before it in what is remembered
 
 
 @dataclass(frozen=True)
@@ -247,16 +247,19 @@ class Reactions(Feature):
     @property
     def stage_parameters(self) -> Mapping[str, int]:
         """Which steps are partings."""
-        return {_JOINS: 1} if self.has_partings else {}
+        return dict.fromkeys(_SHARES, 1) if self.has_partings else {}
 
     def stage_numbers(self, problem: Problem) -> Mapping[str, Array]:
-        """Length of the step before a parting by that by which its impulse is divided."""
-        return {_JOINS: _joins(problem)} if self.has_partings else {}
+        """Of partings the force of the step before, and the impulse as a force over that step."""
+        return dict(zip(_SHARES, _shares(problem), strict=True)) if self.has_partings else {}
 
     def next_value(self, name: str, step: Passage) -> Any:
         """Forces in the step."""
         forces = step.forces(self.rows) / step.units[name]
-        return forces + step.given[_JOINS] * step.before[name] if self.has_partings else forces
+        if not self.has_partings:
+            return forces
+        own, before = (step.given[share] for share in _SHARES)
+        return own * forces + before * step.before[name]
 
     def show(self, name: str, value: ca.SX) -> ca.SX:
         """Forces at their rows, and zeros at those that are not remembered."""
@@ -274,20 +277,22 @@ class Reactions(Feature):
         return [f"force of {labels[row].name}" for row in self.rows]
 
 
-def _joins(problem: Problem) -> Array:
+def _shares(problem: Problem) -> tuple[Array, Array]:
+    """Of a step's own force and of that before it, shapes (N, 1)."""
     table, dts = problem.timeline.switches, fill_lengths(problem, problem.timeline.lengths())
     assert table is not None
-    before = np.append(1.0, dts[:-1]) / dts
     # lengths that are found are those of the phase, in its parting, too
-    return np.where(table.is_parting, 1.0 if problem.timeline.has_free_lengths else before, 0.0)[:, None]
+    as_force = 1.0 if problem.timeline.has_free_lengths else dts / np.append(1.0, dts[:-1])
+    own = np.where(table.is_parting, as_force, 1.0)
+    return own[:, None], table.is_parting.astype(np.float64)[:, None]
 
 
 def join_partings(problem: Problem, forces: Array) -> Array:
     """Forces (N, any), in partings with those of the steps before."""
-    table = problem.timeline.switches
-    if table is None:
+    if problem.timeline.switches is None:
         return forces
-    return forces + _joins(problem) * np.vstack([np.zeros_like(forces[:1]), forces[:-1]])
+    own, before = _shares(problem)
+    return own * forces + before * np.vstack([np.zeros_like(forces[:1]), forces[:-1]])
 
 
 def _rows_of(terms: Iterable[ContactTerm]) -> tuple[int, ...]:
