@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mbocp._files import RESULT_SUFFIXES, is_file, parse_toml, read_text
-from mbocp.exceptions import MbocpError, ProblemFileError, Unreadable
+from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem.file.overrides import apply_overrides
 from mbocp.problem.problem import Problem, problem_from_tables
 from mbocp.robot import Robot, load_robot
@@ -66,11 +66,8 @@ def load_document(path: Path, what: str = "a problem file") -> dict[str, Any]:
     ProblemFileError
         If the file is missing or is not TOML.
     """
-    try:
-        text = read_text(path, expected=f"{what} (TOML)")
-    except Unreadable as error:
-        raise ProblemFileError(path, error.reason) from error
-    return _parse(text, path)
+    with ProblemFileError.where_unreadable(path):
+        return parse_toml(read_text(path, expected=f"{what} (TOML)"))
 
 
 def parse_problem(
@@ -81,14 +78,9 @@ def parse_problem(
     terms: Sequence[OwnTerm] = (),
 ) -> Problem:
     """Read a problem from TOML text; `source` is the file it came from, if there is one."""
-    return _problem(_parse(text, source if source is not None else "<text>"), overrides, source, terms)
-
-
-def _parse(text: str, label: Path | str) -> dict[str, Any]:
-    try:
-        return parse_toml(text)
-    except Unreadable as error:
-        raise ProblemFileError(label, error.reason) from error
+    with ProblemFileError.where_unreadable(source if source is not None else "<text>"):
+        document = parse_toml(text)
+    return _problem(document, overrides, source, terms)
 
 
 def _problem(
