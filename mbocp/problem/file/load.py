@@ -12,6 +12,7 @@ import numpy as np
 from mbocp._files import RESULT_SUFFIXES, is_file, parse_toml, read_text
 from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem.file.overrides import apply_overrides
+from mbocp.problem.file.tables import toml_key
 from mbocp.problem.problem import Problem, problem_from_tables
 from mbocp.robot import Robot, load_robot
 from mbocp.terms import OwnTerm
@@ -133,6 +134,5 @@ def _goal(robot: Robot) -> str:
         if joint.nq == joint.nv == 1 and len(words) < _MAX_JOINTS:
             i = joint.idx_q
             value = np.clip(robot.q0[i] + _DISPLACEMENT, limits.position_lower[i], limits.position_upper[i])
-            key = name if name.replace("_", "").replace("-", "").isalnum() else json.dumps(name)
-            words.append(f"{key} = {float(value):.3g}")
+            words.append(f"{toml_key(name)} = {float(value):.3g}")
     return ", ".join(words) or "JOINT = 0.5"
