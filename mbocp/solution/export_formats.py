@@ -29,18 +29,16 @@ _TRIES = 4  # at a slower motion: within 1.3 % of the duration that it needs
 _ROUND_OFF = 1e-9
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
-_SUFFIXES = MappingProxyType(
-    {
-        ".csv": "csv",
-        ".yaml": "ros2",
-        ".yml": "ros2",
-        ".script": "urscript",
-        ".npz": "npz",
-        ".parquet": "parquet",
-        ".mcap": "mcap",
-        ".rrd": "rerun",
-    }
-)
+_SUFFIXES = {
+    ".csv": "csv",
+    ".yaml": "ros2",
+    ".yml": "ros2",
+    ".script": "urscript",
+    ".npz": "npz",
+    ".parquet": "parquet",
+    ".mcap": "mcap",
+    ".rrd": "rerun",
+}
 
 
 def format_of(path: Path, name: str | None = None) -> str:
