@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,15 @@ class _FileError(MbocpError):
     def __init__(self, path: Path | str, reason: str, key: str | None = None) -> None:
         self.path, self.reason, self._key = Path(path), reason, key
         super().__init__(f"{path}: {f'{key}: ' if key else ''}{reason}")
+
+    @classmethod
+    @contextmanager
+    def where_unreadable(cls, path: Path | str) -> Iterator[None]:
+        """Around the reading of a file: what is `Unreadable` there ends in this error, which names it."""
+        try:
+            yield
+        except Unreadable as error:
+            raise cls(path, error.reason) from error
 
 
 class DimensionMismatch(MbocpError):

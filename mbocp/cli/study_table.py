@@ -6,7 +6,7 @@ import json
 import math
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -126,7 +126,7 @@ def _run(file: Path, table: Path | None, how: How, shown: RowResults) -> None:
     try:
         with (
             _executor(how) as (executor, workers),
-            _Bar(study.name, quiet=shown.quiet or shown.as_json) as bar,
+            _bar(study.name, quiet=shown.quiet or shown.as_json) as bar,
         ):
             result = run_study(
                 study,
@@ -156,39 +156,31 @@ def _executor(how: How) -> Iterator[tuple[Executor | None, int | None]]:
         yield executor, workers
 
 
-class _Bar:
+@contextmanager
+def _bar(title: str, *, quiet: bool) -> Iterator[Callable[[int, int], None]]:
     """Rows so far and the time that is left, on a terminal; nothing elsewhere."""
+    console, begun = Console(file=sys.stderr), False
+    rows = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    times = (TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
+    with Progress(
+        *rows,
+        *times,
+        console=console,
+        transient=True,
+        disable=quiet or not console.is_terminal,
+        speed_estimate_period=600.0,
+    ) as progress:
+        task = progress.add_task(f"{title}: compiling", total=None)
 
-    def __init__(self, title: str, *, quiet: bool) -> None:
-        console = Console(file=sys.stderr)
-        self._progress = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TextColumn("left:"),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=quiet or not console.is_terminal,
-            speed_estimate_period=600.0,
-        )
-        self._title, self._task = title, self._progress.add_task(f"{title}: compiling", total=None)
-        self._begun = False
+        def show(done: int, total: int) -> None:
+            nonlocal begun
+            if begun:
+                progress.update(task, completed=done, description=title)
+            else:  # what was there before says nothing about the speed
+                progress.reset(task, total=total, completed=done)
+                begun = True
 
-    def __enter__(self) -> _Bar:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def __call__(self, done: int, total: int) -> None:
-        if self._begun:
-            self._progress.update(self._task, completed=done, description=self._title)
-        else:  # what was there before says nothing about the speed
-            self._progress.reset(self._task, total=total, completed=done)
-            self._begun = True
+        yield show
 
 
 def _say_how_to_go_on(file: Path, table: Path, how: How) -> None:

@@ -19,7 +19,7 @@ from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._files import read_bytes, read_text
 from mbocp._text import find_repeated, show
 from mbocp.exceptions import InvalidValue, LogError, Unreadable
-from mbocp.solution.atomic import replace_file
+from mbocp.solution.atomic import csv_of, replace_file
 
 _KINDS = {
     "q": ("q", "position", "pos"),
@@ -143,11 +143,7 @@ def write_log(log: Log, path: str | Path) -> Path:
     columns |= {
         f"{joint}.{kind}": values for joint, kinds in log.joints.items() for kind, values in kinds.items()
     }
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(np.column_stack(list(columns.values())).tolist())
-    return replace_file(path, text.getvalue().encode())
+    return replace_file(path, csv_of(columns, np.column_stack(list(columns.values())).tolist()))
 
 
 def _read_csv(path: Path) -> dict[str, Sequence[Any]]:

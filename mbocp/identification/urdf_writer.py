@@ -15,7 +15,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._files import read_text, root_tag
 from mbocp._text import quote_all, warn_caller
-from mbocp.exceptions import ResultFileError, RobotFileError, Unreadable
+from mbocp.exceptions import RobotFileError, Unreadable
 from mbocp.identification.dynamics import PER_BODY, InverseDynamics
 from mbocp.identification.unknown_parameters import OF_JOINT, Unknowns
 from mbocp.robot.warnings import NotModelledWarning
@@ -74,10 +74,7 @@ def write_urdf(dynamics: InverseDynamics, unknowns: Unknowns, everything: Array,
     ]
     for start, end, new in sorted(changes, reverse=True):
         text = text[:start] + new.encode() + text[end:]
-    try:
-        return replace_file(path, text)
-    except ResultFileError as error:
-        raise ResultFileError(path, error.reason) from error
+    return replace_file(path, text)
 
 
 def _inertias(
@@ -180,15 +177,6 @@ def _with_part(element: _Element, tag: str, new: str, text: bytes) -> list[_Chan
 
 def _inertial(body: pin.Inertia) -> str:
     xyz = " ".join(f"{x:.12g}" for x in body.lever)
-    moments = " ".join(
-        f'{name}="{body.inertia[i, j]:.12g}"'
-        for name, i, j in (
-            ("ixx", 0, 0),
-            ("ixy", 0, 1),
-            ("ixz", 0, 2),
-            ("iyy", 1, 1),
-            ("iyz", 1, 2),
-            ("izz", 2, 2),
-        )
-    )
+    upper = zip(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), body.inertia[np.triu_indices(3)], strict=True)
+    moments = " ".join(f'{name}="{moment:.12g}"' for name, moment in upper)
     return f'<inertial><origin xyz="{xyz}"/><mass value="{body.mass:.12g}"/><inertia {moments}/></inertial>'

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from mbocp.integrators.controls import root_mean_squares as root_mean_squares
     from mbocp.integrators.controls import shares_of as shares_of
     from mbocp.integrators.euler import State as State
-    from mbocp.integrators.euler import StepRows as StepRows
     from mbocp.integrators.euler import evaluation_point as evaluation_point
     from mbocp.integrators.euler import evaluation_points as evaluation_points
     from mbocp.integrators.euler import step_rows as step_rows
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from mbocp.integrators.schemes import SCHEMES as SCHEMES
     from mbocp.integrators.schemes import TAU as TAU
     from mbocp.integrators.schemes import VELOCITY_TAU as VELOCITY_TAU
-    from mbocp.integrators.schemes import SchemeData as SchemeData
     from mbocp.integrators.schemes import schemes_that as schemes_that
     from mbocp.integrators.tableaux import LIE_METHODS as LIE_METHODS
     from mbocp.integrators.tableaux import TABLEAUX as TABLEAUX

@@ -14,6 +14,8 @@ from math import factorial
 import casadi as ca
 
 _TERMS = 12  # x^12 / 25! is below 1e-25 at x = 1
+# Absolute values of the numbers B_2, B_4, ...
+_BERNOULLI = (1 / 6, 1 / 30, 1 / 42, 1 / 30, 5 / 66, 691 / 2730, 7 / 6, 3617 / 510, 43867 / 798, 174611 / 330)
 
 
 def sinc(x: ca.SX) -> ca.SX:
@@ -40,19 +42,7 @@ def theta_minus_sin(x: ca.SX) -> ca.SX:
 
 def v_inverse(x: ca.SX) -> ca.SX:
     r""":math:`(1 - \tfrac{\theta}{2} \cot\tfrac{\theta}{2}) / \theta^2`, in the left Jacobian's inverse."""
-    bernoulli = (
-        1 / 6,
-        1 / 30,
-        1 / 42,
-        1 / 30,
-        5 / 66,
-        691 / 2730,
-        7 / 6,
-        3617 / 510,
-        43867 / 798,
-        174611 / 330,
-    )
-    series = [b / factorial(2 * k + 2) for k, b in enumerate(bernoulli)]  # |B_2k| / (2k)!
+    series = [b / factorial(2 * k + 2) for k, b in enumerate(_BERNOULLI)]  # |B_2k| / (2k)!
     return _branch(x, 0.5, series, lambda t: (1 - t / 2 * ca.cos(t / 2) / ca.sin(t / 2)) / t**2)
 
 

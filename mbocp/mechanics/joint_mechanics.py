@@ -16,8 +16,9 @@ import numpy as np
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics.forces import force_element_energy, force_element_force, resistance_torque
 from mbocp.robot import Robot
-from mbocp.symbolic import ModelNumber, model_functions, numbers_of_model
+from mbocp.symbolic import ModelNumber, model_functions
 from mbocp.symbolic.matrices import call_with_matrices
+from mbocp.symbolic.model_numbers import numbers_of_model
 
 M = TypeVar("M", bound="JointMechanics")
 

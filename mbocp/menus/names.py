@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -80,8 +81,8 @@ def _traits(problem: Problem, solutions: Sequence[Solution]) -> Iterator[Trait]:
             turn = _Turn(robot, joint)
             if turn.differs(solutions):
                 yield turn
-    yield from (_Swing(robot, at) for at in range(robot.nv))
-    yield _First(robot)
+    yield from (partial(_swing, robot, at) for at in range(robot.nv))
+    yield partial(_first, robot)
     yield _Halfway(robot, solutions)
 
 
@@ -115,22 +116,15 @@ class _Turn:
         return bool(_axis(place, self._robot.model, self._joint)[2] > _UPRIGHT)
 
 
-class _Swing:
+def _swing(robot: Robot, at: int, solution: Solution) -> str:
     """How often a coordinate turns back on its way, and whether it goes away from its goal first."""
-
-    def __init__(self, robot: Robot, at: int) -> None:
-        self._robot, self._at = robot, at
-        self._name = _short(robot.v_labels[at].name)
-
-    def __call__(self, solution: Solution) -> str:
-        moved = np.concatenate([[0.0], np.cumsum(steps_between(self._robot, solution.qs)[:, self._at])])
-        signs = _directions(moved, max(_SMALL, _SMALL * float(np.ptp(moved))))
-        if not signs:
-            return f"{self._name} stays"
-        if len(signs) == 1:
-            return f"{self._name} straight there"
-        way = f"{self._name} swings {'forwards' if signs[0] > 0 else 'backwards'} first"
-        return way if len(signs) == 2 else f"{way}, {len(signs)} swings"
+    name = _short(robot.v_labels[at].name)
+    moved = np.concatenate([[0.0], np.cumsum(steps_between(robot, solution.qs)[:, at])])
+    signs = _directions(moved, max(_SMALL, _SMALL * float(np.ptp(moved))))
+    if len(signs) < 2:
+        return f"{name} straight there" if signs else f"{name} stays"
+    way = f"{name} swings {'forwards' if signs[0] > 0 else 'backwards'} first"
+    return way if len(signs) == 2 else f"{way}, {len(signs)} swings"
 
 
 def _directions(values: Array, least: float) -> list[int]:
@@ -150,21 +144,16 @@ def _directions(values: Array, least: float) -> list[int]:
     return signs
 
 
-class _First:
+def _first(robot: Robot, solution: Solution) -> str:
     """Which joint has gone half its way long before the others."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-
-    def __call__(self, solution: Solution) -> str:
-        moved = np.cumsum(steps_between(self._robot, solution.qs), axis=0)
-        going = np.flatnonzero(np.abs(moved[-1]) > _SMALL)
-        if len(going) < 2:
-            return ""
-        halves = [int(np.argmax(np.abs(moved[:, at]) >= 0.5 * abs(moved[-1, at]))) for at in going]
-        order = np.argsort(halves, kind="stable")
-        lead = (halves[order[1]] - halves[order[0]]) / len(moved)
-        return f"{_short(self._robot.v_labels[going[order[0]]].name)} first" if lead > _EARLIER else ""
+    moved = np.cumsum(steps_between(robot, solution.qs), axis=0)
+    going = np.flatnonzero(np.abs(moved[-1]) > _SMALL)
+    if len(going) < 2:
+        return ""
+    halves = [int(np.argmax(np.abs(moved[:, at]) >= 0.5 * abs(moved[-1, at]))) for at in going]
+    order = np.argsort(halves, kind="stable")
+    lead = (halves[order[1]] - halves[order[0]]) / len(moved)
+    return f"{_short(robot.v_labels[going[order[0]]].name)} first" if lead > _EARLIER else ""
 
 
 class _Halfway:
@@ -237,14 +226,15 @@ class _Arm:
         axis = _axis(places[self._elbow], self._robot.model, self._elbow)
         line, out = _across(last - first, axis), _across(elbow - first, axis)
         out = out - line * float(out @ line) / max(float(line @ line), 1e-12)
+        upright = f"elbow {'up' if out[2] > 0.0 else 'down'}"
         if len(self._chain) < _MANY:
-            return f"elbow {'up' if out[2] > 0.0 else 'down'}"
+            return upright
         left = np.cross([0.0, 0.0, 1.0], line)
         left /= max(float(np.linalg.norm(left)), 1e-12)
         aside = float(out @ left)
         if abs(aside) > abs(out[2]):
             return f"elbow {'left' if aside > 0.0 else 'right'}"
-        return f"elbow {'up' if out[2] > 0.0 else 'down'}"
+        return upright
 
     def wrist(self, solution: Solution) -> str:
         """Whether the last three axes are in another order around than at the start."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mbocp._files import MEGABYTE, read_bytes
-from mbocp.exceptions import MbocpError, RobotFileError, Unreadable
+from mbocp.exceptions import MbocpError, RobotFileError
 from mbocp.meshes.mesh_parts import MESH_LIMIT
 from mbocp.meshes.pictures import MATERIALS, PACKAGE, companions, picture_folders, read_picture
 from mbocp.robot.loading.addresses import absolute, resolve
@@ -66,10 +66,8 @@ class _Findings:
         """Read a file, if that is not done yet."""
         plain = _plain(path)
         if plain not in self.contents:
-            try:
+            with RobotFileError.where_unreadable(path):
                 self.contents[plain] = read_bytes(path, limit=limit)
-            except Unreadable as error:
-                raise RobotFileError(path, error.reason) from error
         return self.contents[plain]
 
     def files(self, spec: Mapping[str, Any]) -> RobotFiles:

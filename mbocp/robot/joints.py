@@ -81,14 +81,7 @@ class JointPlace(NamedTuple):
 _CIRCLE = (("cos", ""), ("sin", ""))
 _QUATERNION = (("qx", ""), ("qy", ""), ("qz", ""), ("qw", ""))
 _POSITION = (("x", _LINEAR), ("y", _LINEAR), ("z", _LINEAR))
-_TWIST = (
-    ("vx", _LINEAR),
-    ("vy", _LINEAR),
-    ("vz", _LINEAR),
-    ("wx", _ANGULAR),
-    ("wy", _ANGULAR),
-    ("wz", _ANGULAR),
-)
+_TWIST = tuple((kind + axis, unit) for kind, unit in (("v", _LINEAR), ("w", _ANGULAR)) for axis in "xyz")
 
 _REVOLUTE = JointKind("revolute", (("", _ANGULAR),), (("", _ANGULAR),), actuated=True)
 _PRISMATIC = JointKind("prismatic", (("", _LINEAR),), (("", _LINEAR),), actuated=True)

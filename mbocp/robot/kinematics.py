@@ -157,6 +157,16 @@ def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.Refe
     return found
 
 
+def frame_poses(model: pin.Model, qs: Array, frames: Sequence[int]) -> Array:
+    """Poses of frames in the world along a motion, shape (frames, n, 7): position [m], quaternion xyzw."""
+    data, found = working_data(model), np.empty((len(frames), len(qs), 7))
+    for node, q in enumerate(qs):
+        pin.framesForwardKinematics(model, data, q)
+        for k, frame in enumerate(frames):
+            found[k, node] = pin.SE3ToXYZQUAT(data.oMf[frame])
+    return found
+
+
 def turns(model: pin.Model) -> Array:
     """Angle [rad] by unit of each joint velocity, shape (nv,)."""
     data, found = model.createData(), np.zeros(model.nv)

@@ -34,13 +34,13 @@ from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.robot_files import RobotFiles
-from mbocp.symbolic import (
+from mbocp.symbolic.algorithms import text_without
+from mbocp.symbolic.model_numbers import (
     ModelNumber,
     inertia_numbers,
     numbers_of_model,
     placement_numbers,
     placements_of_followers,
-    text_without,
     translation_numbers,
     values_of,
 )

@@ -20,7 +20,7 @@ from mbocp.robot.parts import Motor, QuarticSpring, SpringDamper
 from mbocp.robot.payload import INERTIA_KEYS, Payload, shape_name
 from mbocp.robot.resistance import JointResistance
 from mbocp.robot.robot import Robot
-from mbocp.symbolic import (
+from mbocp.symbolic.model_numbers import (
     ModelNumber,
     inertia_numbers,
     joint_placement_numbers,

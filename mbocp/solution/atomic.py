@@ -9,13 +9,15 @@ from before a restart, are left alone for a day; `KERNEL` tells which is which.
 from __future__ import annotations
 
 import contextlib
+import csv
 import fcntl
+import io
 import math
 import os
 import re
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -37,6 +39,15 @@ def replace_file(path: str | Path, content: bytes) -> Path:
     with atomic_path(path) as temporary:
         temporary.write_bytes(content)
     return Path(path)
+
+
+def csv_of(header: Iterable[str], rows: Iterable[Iterable[object]]) -> bytes:
+    """The content of a CSV file."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue().encode()
 
 
 def replace_text(path: str | Path, text: str) -> Path:

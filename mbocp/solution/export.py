@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 from collections.abc import Iterator
@@ -13,7 +12,7 @@ import numpy as np
 
 from mbocp._arrays import Array, plain_json
 from mbocp.exceptions import InvalidValue
-from mbocp.solution.atomic import atomic_path
+from mbocp.solution.atomic import csv_of, replace_file
 from mbocp.solution.details import Column
 from mbocp.solution.solution_data import TOLD, SolutionData
 from mbocp.storage.content import QUANTITIES
@@ -71,11 +70,8 @@ def _has_limits(solution: SolutionData, letter: str) -> bool:
 def write_csv(solution: SolutionData, path: str | Path) -> Path:
     """Write `table(solution)` as CSV, atomically; NaN is an empty cell, numbers have all their digits."""
     header, rows = table(solution)
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(["" if math.isnan(x) else repr(x) for x in row] for row in rows.tolist())
-    return Path(path)
+    cells = (["" if math.isnan(x) else repr(x) for x in row] for row in rows.tolist())
+    return replace_file(path, csv_of(header, cells))
 
 
 def solution_dict(solution: SolutionData) -> dict[str, Any]:

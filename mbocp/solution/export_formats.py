@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
@@ -17,7 +16,7 @@ from mbocp._arrays import Array
 from mbocp._text import list_names, printable, show, warn_caller
 from mbocp.exceptions import InvalidValue, LimitsExceeded, MbocpError, ResultFileError
 from mbocp.robot import Robot
-from mbocp.solution.atomic import replace_file
+from mbocp.solution.atomic import csv_of, replace_file
 from mbocp.solution.fitting import MOST
 from mbocp.solution.joints_sent import EFFORT_RATE, Excess
 from mbocp.solution.recordings import RECORDINGS, record
@@ -30,18 +29,16 @@ _TRIES = 4  # at a slower motion: within 1.3 % of the duration that it needs
 _ROUND_OFF = 1e-9
 _UR_JOINTS = 6
 _UR_RATE = 125.0  # [1/s] of servoj, unless another is asked for
-_SUFFIXES = MappingProxyType(
-    {
-        ".csv": "csv",
-        ".yaml": "ros2",
-        ".yml": "ros2",
-        ".script": "urscript",
-        ".npz": "npz",
-        ".parquet": "parquet",
-        ".mcap": "mcap",
-        ".rrd": "rerun",
-    }
-)
+_SUFFIXES = {
+    ".csv": "csv",
+    ".yaml": "ros2",
+    ".yml": "ros2",
+    ".script": "urscript",
+    ".npz": "npz",
+    ".parquet": "parquet",
+    ".mcap": "mcap",
+    ".rrd": "rerun",
+}
 
 
 def format_of(path: Path, name: str | None = None) -> str:
@@ -307,11 +304,7 @@ def _table(motion: JointSamples) -> dict[str, Array]:
 
 def _csv(motion: JointSamples, solution: SolutionData) -> bytes:
     columns = _table(motion)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(np.column_stack(list(columns.values())).tolist())
-    return text.getvalue().encode()
+    return csv_of(columns, np.column_stack(list(columns.values())).tolist())
 
 
 def _ros2(motion: JointSamples, solution: SolutionData) -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp._files import parse_toml
-from mbocp.exceptions import ProblemFileError, Unreadable
+from mbocp.exceptions import ProblemFileError
 from mbocp.problem import Problem, ProblemWarning
 from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.obstacle_table import obstacles_from
@@ -103,10 +103,8 @@ def _label(solution: SolutionData) -> str:
 
 
 def _document(solution: SolutionData) -> Mapping[str, Any]:
-    try:
+    with ProblemFileError.where_unreadable(_label(solution)):
         return parse_toml(solution.problem_text)
-    except Unreadable as error:
-        raise ProblemFileError(_label(solution), error.reason) from error
 
 
 def _robot_in(

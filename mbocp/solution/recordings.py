@@ -18,7 +18,8 @@ import pinocchio as pin
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import Robot
-from mbocp.robot.large import working_data
+from mbocp.robot.kinematics import frame_poses
+from mbocp.robot.nodes import between
 from mbocp.solution.solution_data import SolutionData
 
 _MOST_SAMPLES = 200_000
@@ -82,7 +83,8 @@ def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> M
             joints[name] = (position, vs[:, at.idx_v], efforts.get(name, np.zeros(len(t))))
     bodies = [k for k, f in enumerate(model.frames) if f.type == pin.FrameType.BODY and f.name != _WORLD]
     traced = [robot.frame_id(name) for name in robot.trace_frames]
-    poses = _poses(robot, qs, [*bodies, *traced])
+    frames = [*bodies, *traced]
+    poses = dict(zip(frames, frame_poses(model, qs, frames), strict=True))
     return MotionSamples(
         t - t[0],
         joints,
@@ -103,22 +105,8 @@ def _sample(solution: SolutionData, robot: Robot, rate: float | None) -> tuple[A
     t = nodes[0] + np.append(grid, solution.duration)
     after = np.clip(np.searchsorted(nodes, t, side="right"), 1, len(nodes) - 1)
     shares = (t - nodes[after - 1]) / np.maximum(nodes[after] - nodes[after - 1], _SAME)
-    qs, vs = solution.qs, solution.vs
-    between = [
-        pin.interpolate(robot.model, qs[k - 1], qs[k], float(share))
-        for k, share in zip(after, shares, strict=True)
-    ]
-    return t, np.array(between), vs[after - 1] + shares[:, None] * (vs[after] - vs[after - 1])
-
-
-def _poses(robot: Robot, qs: Array, frames: list[int]) -> dict[int, Array]:
-    found = {frame: np.empty((len(qs), 7)) for frame in frames}
-    data = working_data(robot.model)
-    for n, q in enumerate(qs):
-        pin.framesForwardKinematics(robot.model, data, q)
-        for frame, poses in found.items():
-            poses[n] = pin.SE3ToXYZQUAT(data.oMf[frame])
-    return found
+    vs = solution.vs[after - 1] + shares[:, None] * (solution.vs[after] - solution.vs[after - 1])
+    return t, between(robot, solution.qs[after - 1], solution.qs[after], shares), vs
 
 
 def _mcap(motion: MotionSamples) -> bytes:

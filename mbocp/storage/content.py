@@ -67,23 +67,13 @@ def _limit(letter: str, what: str) -> StoredQuantity:
 
 
 def _of_limit(letter: str, row: str) -> StoredQuantity:
-    words = f"multiplier of the limits of {letter}: positive at an upper one"
-    return StoredQuantity(
-        f"lambda_{letter}",
-        words,
-        (row, letter),
-        f"dual {letter}",
-        0.0,
-        may_lack=True,
-        heading=f"lam_{letter}",
-    )
+    words, axes = f"multiplier of the limits of {letter}: positive at an upper one", (row, letter)
+    return StoredQuantity(f"lambda_{letter}", words, axes, f"dual {letter}", 0.0, True, f"lam_{letter}")
 
 
 def _spread(letter: str, row: str) -> StoredQuantity:
-    words = f"standard deviation of {letter} about the plan"
-    return StoredQuantity(
-        f"sigma_{letter}", words, (row, letter), letter, may_lack=True, heading=f"sigma_{letter}"
-    )
+    words, symbol = f"standard deviation of {letter} about the plan", f"sigma_{letter}"
+    return StoredQuantity(symbol, words, (row, letter), letter, may_lack=True, heading=symbol)
 
 
 # A row is all that files, tables, datasets and checks know of a quantity: a new one is a row here, a field

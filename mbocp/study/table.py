@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from mbocp._files import read_bytes
-from mbocp.exceptions import ResultFileError, StudyError, Unreadable
+from mbocp.exceptions import ResultFileError, StudyError
 from mbocp.study.study_schema import is_header, is_row
 
 FORMAT = "mbocp study"
@@ -39,10 +39,8 @@ def read_table(path: str | Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         If there is no such file, it is no study's, it is damaged, or a newer mbocp wrote it.
     """
     path = Path(path)
-    try:
+    with ResultFileError.where_unreadable(path):
         content = read_bytes(path, expected="a study's file", limit=_MAX_BYTES)
-    except Unreadable as error:
-        raise ResultFileError(path, error.reason) from error
     header, rows, _ = _parse(content, path)
     return header, sorted(rows, key=lambda row: int(row["index"]))
 

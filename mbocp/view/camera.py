@@ -29,11 +29,9 @@ class Camera:
     target : ndarray, shape (3,)
         The point it looks at [m].
     offset : ndarray, shape (3,)
-        From the target to the camera [m].
+        From the target to the camera [m], in a window of `ASPECT`.
     near, far : float
         Clipping distances [m].
-    aspect : float
-        Width over height of the window that the offset is for.
     least : float
         Distance from the target that the height of the points needs in any window [m].
     sides : ndarray, shape (k, 2)
@@ -46,7 +44,6 @@ class Camera:
     near: float
     far: float
     field_of_view: float = FIELD_OF_VIEW
-    aspect: float = ASPECT
     least: float = 0.0
     sides: Array = field(default_factory=lambda: np.zeros((0, 2)))
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from mbocp._files import RESULT_SUFFIXES, is_file, parse_toml, read_text
-from mbocp.exceptions import MbocpError, ProblemFileError, Unreadable
+from mbocp.exceptions import MbocpError, ProblemFileError
 from mbocp.problem.file.overrides import apply_overrides
+from mbocp.problem.file.tables import toml_key
 from mbocp.problem.problem import Problem, problem_from_tables
 from mbocp.robot import Robot, load_robot
 from mbocp.terms import OwnTerm
@@ -66,11 +67,8 @@ def load_document(path: Path, what: str = "a problem file") -> dict[str, Any]:
     ProblemFileError
         If the file is missing or is not TOML.
     """
-    try:
-        text = read_text(path, expected=f"{what} (TOML)")
-    except Unreadable as error:
-        raise ProblemFileError(path, error.reason) from error
-    return _parse(text, path)
+    with ProblemFileError.where_unreadable(path):
+        return parse_toml(read_text(path, expected=f"{what} (TOML)"))
 
 
 def parse_problem(
@@ -81,14 +79,9 @@ def parse_problem(
     terms: Sequence[OwnTerm] = (),
 ) -> Problem:
     """Read a problem from TOML text; `source` is the file it came from, if there is one."""
-    return _problem(_parse(text, source if source is not None else "<text>"), overrides, source, terms)
-
-
-def _parse(text: str, label: Path | str) -> dict[str, Any]:
-    try:
-        return parse_toml(text)
-    except Unreadable as error:
-        raise ProblemFileError(label, error.reason) from error
+    with ProblemFileError.where_unreadable(source if source is not None else "<text>"):
+        document = parse_toml(text)
+    return _problem(document, overrides, source, terms)
 
 
 def _problem(
@@ -141,6 +134,5 @@ def _goal(robot: Robot) -> str:
         if joint.nq == joint.nv == 1 and len(words) < _MAX_JOINTS:
             i = joint.idx_q
             value = np.clip(robot.q0[i] + _DISPLACEMENT, limits.position_lower[i], limits.position_upper[i])
-            key = name if name.replace("_", "").replace("-", "").isalnum() else json.dumps(name)
-            words.append(f"{key} = {float(value):.3g}")
+            words.append(f"{toml_key(name)} = {float(value):.3g}")
     return ", ".join(words) or "JOINT = 0.5"

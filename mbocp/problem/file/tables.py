@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from mbocp._arrays import plain
 from mbocp.problem.file.cost_table import write_cost
-from mbocp.problem.file.free_ground import write_free
 from mbocp.problem.file.goal_table import write_goal
 from mbocp.problem.file.limits_table import write_limits
 from mbocp.problem.file.obstacle_table import write_self_collision
@@ -22,8 +21,11 @@ from mbocp.problem.file.robust_table import write_parameter, write_robust
 from mbocp.problem.file.scheme_tables import write_guess, write_integrator
 from mbocp.problem.file.start_tables import write_start, write_via
 from mbocp.problem.file.term_table import write_term
+from mbocp.problem.free_contact_bounds import FreeContactBounds
 from mbocp.problem.problem_data import ProblemData
 from mbocp.problem.timeline.times import write_duration
+from mbocp.robot import Robot
+from mbocp.terms.bounded import BoundedTerm
 
 
 def tables_of(problem: ProblemData) -> dict[str, Any]:
@@ -33,7 +35,7 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
     are absolute.
     """
     robot = problem.robot
-    ground, path = write_free(robot, problem.path)
+    ground, path = _write_free(robot, problem.path)
     return {
         "coordinates": problem.coordinates,
         "phase": [write_phase(phase) for phase in problem.phase] or None,
@@ -64,6 +66,19 @@ def tables_of(problem: ProblemData) -> dict[str, Any]:
 def problem_to_toml(problem: ProblemData) -> str:
     """Return a problem file that loads as the same problem, see `tables_of`: a result keeps it."""
     return to_toml(tables_of(problem))
+
+
+def _write_free(robot: Robot, path: Sequence[BoundedTerm]) -> tuple[dict[str, Any] | None, list[BoundedTerm]]:
+    """The table of a ground whose contacts are found, or None, and the other path constraints."""
+    feet = [one for one in path if isinstance(one, FreeContactBounds)]
+    forces = [one.force for one in feet]
+    rest = [one for one in path if one not in feet and one not in forces]
+    if not feet:
+        return None, rest
+    frames = {one.force.contact.constraint: robot.frame_names[one.term.frame] for one in feet}
+    said, friction = feet[0].contact, forces[0].contact.friction
+    words = {"contact": "free", "height": said.height, "smoothing": said.smoothing}
+    return {"feet": frames, "friction": friction, **words}, rest
 
 
 def _steps(problem: ProblemData) -> dict[str, Any]:

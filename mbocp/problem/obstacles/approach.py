@@ -41,8 +41,6 @@ class Approach:
         Link, and obstacle or other link.
     time : float
         [s].
-    is_obstacle : bool
-        Whether `other` is an obstacle.
     """
 
     distance: float
@@ -50,7 +48,6 @@ class Approach:
     link: str
     other: str
     time: float
-    is_obstacle: bool
 
     @property
     def between(self) -> str:
@@ -211,8 +208,8 @@ class _Search:
         if best is None:
             return None
         k, n, distance = best if is_any else self._deepest(*best, shapes)
-        names, is_obstacle = self.clearance.names_of(self.pairs[k]), self.pairs[k][2]
-        return Approach(distance, float(self.margins[k]), *names, float(self.times[n]), is_obstacle)
+        names = self.clearance.names_of(self.pairs[k])
+        return Approach(distance, float(self.margins[k]), *names, float(self.times[n]))
 
     def _deepest(self, k: int, n: int, distance: float, shapes: ShapeDistances) -> tuple[int, int, float]:
         """A pair, and the pose near by from which it only comes out, where it is in each other."""

@@ -10,8 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray, dataclass
-from mbocp.exceptions import NativeMismatch
 from mbocp.problem.obstacles.joint_table import joint_table, placement_numbers
+from mbocp.programme.native_modules import loading_native
 from mbocp.robot.joints import joint_kind
 from mbocp.terms.clearance_term import ClearanceRow
 from mbocp.terms.distances import CORE, Core, HullCore
@@ -159,12 +159,8 @@ class PairClearances:
 
     @cached_property
     def _room(self) -> Room:
-        try:
+        with loading_native():
             from mbocp._native import _room
-        except ImportError as error:
-            raise NativeMismatch(
-                f"the native part cannot be loaded ({error}); build it with `make` or `pip install .`"
-            ) from error
         frames = [self.model.frames[k] for k in self.frames]
         cores = {id(shape.core): shape.core for shape in self.shapes if isinstance(shape.core, HullCore)}
         ends = np.cumsum([0, *(len(core.planes) for core in cores.values())])

@@ -31,7 +31,7 @@ from mbocp.robot.loops.undriven import Held, joints_to_hold
 from mbocp.robot.poses.inverse_kinematics import close_anywhere
 from mbocp.robot.robot import Robot
 from mbocp.robot.warnings import HeldJointsWarning, InitialPoseWarning
-from mbocp.symbolic import placements_of_followers
+from mbocp.symbolic.model_numbers import placements_of_followers
 
 
 def assemble_robot(found: Description, actuated: Sequence[str] | None, spec: Mapping[str, Any]) -> Robot:

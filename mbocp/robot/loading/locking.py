@@ -20,7 +20,7 @@ from mbocp._measured import plain_numbers
 from mbocp.exceptions import DimensionMismatch, InvalidValue, UnsupportedRobot
 from mbocp.robot import joints
 from mbocp.robot.large import check_working_memory
-from mbocp.symbolic import ModelNumber, all_numbers, values_of, with_values
+from mbocp.symbolic.model_numbers import ModelNumber, all_numbers, values_of, with_values
 
 Lock = Mapping[str, float | Sequence[float]] | Sequence[str]
 _MIN_NORM = 1e-8

@@ -21,7 +21,7 @@ from pydantic import (
 from mbocp._files import read_toml
 from mbocp._measured import KeyUnits
 from mbocp._text import find_repeated
-from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.joint_numbers import FrictionModel
 from mbocp.robot.loading.robot_keys import OF_FILES, PartTable
 from mbocp.robot.loading.robot_tables import ElasticTable, InertiasTable, LinkTable, MotorTable, PayloadTable
@@ -286,10 +286,8 @@ def read_robot_toml(path: Path) -> RobotTable:
     RobotFileError
         Naming file, key, what was got and what is allowed.
     """
-    try:
+    with RobotFileError.where_unreadable(path):
         data = read_toml(path, expected="a robot.toml")
-    except Unreadable as error:
-        raise RobotFileError(path, error.reason) from error
     try:
         return RobotTable.model_validate(data)
     except ValidationError as error:

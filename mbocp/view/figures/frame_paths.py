@@ -14,6 +14,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from mbocp._arrays import Array
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
+from mbocp.robot.kinematics import frame_poses
 from mbocp.robot.large import working_data
 from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, strip_legend
 
@@ -185,12 +186,7 @@ def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) ->
     names = list(frames) if frames is not None else list(robot.trace_frames)
     ids = [robot.frame_id(name) for name in names]
     keep = np.unique(np.linspace(0, len(qs) - 1, min(len(qs), _MAX_NODES)).astype(int))
-    model, data = robot.model, working_data(robot.model)
-    paths = np.empty((len(ids), len(keep), 3))
-    for n, q in enumerate(qs[keep]):
-        pin.forwardKinematics(model, data, q)
-        for i, frame in enumerate(ids):
-            paths[i, n] = pin.updateFramePlacement(model, data, frame).translation
+    paths = frame_poses(robot.model, qs[keep], ids)[..., :3]
     poses = [_segments(robot, q, ids) for q in (qs[0], qs[-1])]
     return FramePaths([plain_text(name) for name in names], paths, poses)
 

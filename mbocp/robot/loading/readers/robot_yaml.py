@@ -151,10 +151,8 @@ def read_robot_yaml(path: Path) -> RobotYaml:
     IgnoredKeysWarning
         For keys that are not known.
     """
-    try:
+    with RobotFileError.where_unreadable(path):
         data = parse_yaml(read_text(path, expected="a robot.yaml", limit=MAX_BYTES))
-    except Unreadable as error:
-        raise RobotFileError(path, error.reason) from error
     if not isinstance(data, dict):
         raise RobotFileError(path, "expected keys and values: closed_loop, type, name_mot, ...")
     try:

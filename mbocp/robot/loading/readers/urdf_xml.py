@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp._files import MEGABYTE, XML_LIMIT, is_file, read_text
 from mbocp._text import show
-from mbocp.exceptions import RobotFileError, Unreadable
+from mbocp.exceptions import RobotFileError
 
 LARGEST = 1e15  # of a length or mass; squares and products of a robot's numbers stay finite
 # Numbers that both C's strtod and Python's float read: no underscores, no digits of other scripts.
@@ -65,10 +65,8 @@ def read_xml(path: Path) -> tuple[str, ElementTree.Element]:
     """
     if not os.path.lexists(path):
         raise RobotFileError(path, "no such file")
-    try:
+    with RobotFileError.where_unreadable(path):
         text = read_text(path, expected="a URDF, SDF or MJCF", limit=XML_LIMIT)
-    except Unreadable as error:
-        raise RobotFileError(path, error.reason) from error
     return parse_xml(path, text)
 
 
@@ -186,10 +184,10 @@ def pairs_disabled_by(srdf: Path) -> frozenset[frozenset[str]]:
     RobotFileError
         If it is no SRDF.
     """
+    with RobotFileError.where_unreadable(srdf):
+        text = read_text(srdf, expected="an SRDF", limit=_MAX_BYTES)
     try:
-        root = ElementTree.fromstring(read_text(srdf, expected="an SRDF", limit=_MAX_BYTES))
-    except Unreadable as error:
-        raise RobotFileError(srdf, error.reason) from error
+        root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise RobotFileError(srdf, f"malformed XML: {error}") from error
     if root.tag != "robot":
