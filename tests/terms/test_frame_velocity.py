@@ -64,6 +64,7 @@ def test_its_text_reads_back() -> None:
 def test_a_base_comes_to_each_place_without_slip(goal: list[float]) -> None:
     """Beside it, behind it, turned where it is: the straight line is no guess for the first of them."""
     solution = mbocp.solve(drive(goal), check=True)
+    assert "a way that frames keep to" in solution.guess_used
     assert np.abs(slips(solution.qs, solution.vs)).max() < 1e-9
     assert np.abs(solution.qs[-1, :2] - goal[:2]).max() < 1e-9
 
