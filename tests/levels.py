@@ -36,7 +36,7 @@ _PLACES = {
         solvers/equations solvers/homotopy solvers/limits solvers/time_limit solvers/units
         terms/acceleration terms/braking terms/constraint_force terms/contact terms/distances
         terms/effort_about_gravity terms/end_acceleration terms/energy identification terms/hulls terms/kept
-        terms/acceleration_over_speed terms/motor terms/whole_path view/replay
+        terms/acceleration_over_speed terms/frame_velocity terms/motor terms/whole_path view/replay
     """,
     # Motions and schemes beside mechanics and each other: all files that are not named elsewhere.
     "physics": """

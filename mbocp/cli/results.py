@@ -194,6 +194,10 @@ def export(
             help="Write nothing, and exit with 1, when a limit is exceeded as it is sent.",
         ),
     ] = True,
+    part: Annotated[
+        str | None,
+        option("--part", "NAME", "Joints of one of several robots, by its own names. [default: all]"),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write a motion for controllers, viewers and other tools."""
@@ -215,16 +219,18 @@ def export(
         )
     solution = Solution.load(result)
     if name in RECORDINGS:
-        write_recording(solution, output, name, rate, interpolation)
+        write_recording(solution, output, name, rate, interpolation, part)
         if not quiet:
             typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
         return
     sent, excesses = prepare_within(
         name, solution, rate, interpolation, fit=fit, load_robot=solution.load_robot
     )
-    motion = sample(sent, solution.load_robot)
+    motion = sample(sent, solution.load_robot, part)
     if motion.left_out:
-        warnings.warn(f"left out, no joints of one velocity: {', '.join(motion.left_out)}", stacklevel=1)
+        what = ", ".join(motion.left_out)
+        helps = "a base on the floor with joints x, y and yaw, as planar_base has, is sent"
+        warnings.warn(f"left out, no joints of one velocity: {what}; {helps}", stacklevel=1)
     of_joints: dict[str, list[str]] = {}  # in the order of their worst
     for excess in excesses:
         of_joints.setdefault(excess.name, []).append(excess.words)

@@ -19,7 +19,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.features.feature import Feature, infinite_bounds, join
 from mbocp.formulation.pieces import Pieces
-from mbocp.problem import Problem
+from mbocp.problem import PathConstraint, Problem
 from mbocp.problem.found_parameter import Tube
 from mbocp.programme import StagewiseProgramme, StateBounds
 
@@ -122,9 +122,26 @@ def _at_nodes(
 
 
 def path_nodes(problem: Problem) -> BoolArray:
-    """At which of the nodes 1..N each row of the path constraints holds, shape (N, nh)."""
+    """At which of the nodes 1..N each row of the path constraints holds, shape (N, nh).
+
+    At the last one equations do not that an exact goal says, too: they would depend on it.
+    """
     columns = [constraint.nodes(problem.num_steps, problem.dt) for constraint in problem.inequalities]
+    for column, constraint in zip(columns, problem.inequalities, strict=True):
+        if isinstance(constraint, PathConstraint) and constraint.term.has_velocity:
+            column[-1, _said_by_goal(problem, constraint)] = False
     return np.hstack(columns) if columns else np.ones((problem.num_steps, 0), dtype=np.bool_)
+
+
+def _said_by_goal(problem: Problem, constraint: PathConstraint) -> BoolArray:
+    """Which rows of a constraint are equations on velocities that the goal gives, shape (rows,)."""
+    goal, equations = problem.goal, np.asarray(constraint.lower == constraint.upper)
+    if not (equations.any() and constraint.is_known_before and goal.is_exact and goal.rate == "v"):
+        return np.zeros(constraint.rows, dtype=np.bool_)
+    function = constraint.function(problem.robot, {})
+    of_v = np.asarray(function.jac_sparsity(0, 1), dtype=np.bool_)
+    moves = (of_v & (goal.value != 0.0)).any(axis=1) & ~goal.q_active.all()  # at rest q does not matter
+    return equations & ~moves & ~(of_v & ~goal.rate_active).any(axis=1)
 
 
 def free_speed_bounds(problem: Problem) -> tuple[Array, Array]:

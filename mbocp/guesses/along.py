@@ -23,6 +23,7 @@ from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.pose_rows import PoseRows
 from mbocp.robot.poses.pose_search import joint_bounds, reach
 from mbocp.robot.poses.target import FrameTarget
+from mbocp.terms.kinds import FrameVelocity
 
 _TOLERANCE = 1e-9  # [m, rad]
 _LEAP, _FACTOR = 0.5, 4.0  # [rad, m] beyond so many times the step of what is near: another branch
@@ -52,18 +53,18 @@ def follows_path(problem: Problem) -> bool:
 
 
 def _kept_constraints(problem: Problem) -> list[PathConstraint]:
-    """What frames keep to all the time."""
+    """What frames keep to all the time; of those that roll the first, which the others follow."""
     N, dt = problem.num_steps, problem.dt
-    return [c for c in problem.frame_constraints if c.span.has_start and c.span.has_end(N, dt)]
+    kept = [c for c in problem.frame_constraints if c.span.has_start and c.span.has_end(N, dt)]
+    roll = [c for c in kept if isinstance(c.term, FrameVelocity) and c.term.rolls]
+    return [c for c in kept if c not in roll[1:]]
 
 
 def _along(problem: Problem, kept: Sequence[PathConstraint], q_start: Array, shares: Array) -> Array | None:
     """Configurations in which frames are where they are to be, near the straight line to a goal like that."""
     robot, goal, limits = problem.robot, problem.goal, position_limits(problem)
     names = [robot.frame_names[c.frame] for c in kept]
-    starts, goals = (
-        [robot.frame_placement(name, q).translation for name in names] for q in (q_start, goal.q)
-    )
+    starts, goals = ([robot.frame_placement(name, q) for name in names] for q in (q_start, goal.q))
 
     def targets(share: float) -> list[FrameTarget]:
         asked = zip(kept, names, starts, goals, strict=True)

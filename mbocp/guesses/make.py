@@ -13,7 +13,7 @@ from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.formulation.features.changing_constraints import fill_impulses
 from mbocp.formulation.features.step_lengths import length_controls
-from mbocp.guesses.along import balance, balances, follows_path, required_force
+from mbocp.guesses.along import balance, balances, follows_path, is_led, required_force
 from mbocp.guesses.around import around
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.straight_line import at_rest, driven_line, is_whole, line
@@ -78,7 +78,8 @@ def plain_guess(kind: str, formulation: Formulation, deadline: float = math.inf)
         return hold(formulation, deadline), f"hold the start, gravity compensated{how}"
     given = given_way(problem)
     way = given or around(problem)
-    words = "straight line in the configuration space" if way is None else "a way around obstacles"
+    usual = "a way that frames keep to" if is_led(problem) else "straight line in the configuration space"
+    words = usual if way is None else "a way around obstacles"
     words = words if given is None else "straight lines through the configurations of guess.q"
     if problem.robot.drives:
         return driven_line(formulation, way), words

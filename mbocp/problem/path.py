@@ -18,7 +18,8 @@ from mbocp.problem.timeline.timeline import Timeline
 from mbocp.robot import Label, Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
-from mbocp.terms.kinds import PATH_TERMS, Follow, Position
+from mbocp.terms.coordinate_rows import CoordinateRows
+from mbocp.terms.kinds import PATH_TERMS, Follow
 from mbocp.terms.path_term import PathTerm
 from mbocp.terms.span import NodePlace, Span
 
@@ -37,6 +38,7 @@ class PathConstraint(BoundedTerm):
     - ``distance``: :math:`|p - p_b|` from the origin of the frame `other`, or from `point`;
     - ``speed``: :math:`|\dot p|`;
     - ``angular_speed``: :math:`|\omega|`;
+    - ``velocity``, ``frame_acceleration``: components `axes` of these, along the axes of the frame;
     - ``centre_of_mass``, ``angular_momentum``: coordinates `axes` of the centre of mass of the robot, and of
       the angular momentum about it.
 
@@ -81,7 +83,7 @@ class PathConstraint(BoundedTerm):
         check_choice(f"{key}: kind", self.kind, PATH_KINDS)
         object.__setattr__(self, "point", frozen_array(self.point, shape=(3,), name=f"{key}: point"))
         check_finite(f"{key}: point", self.point)
-        if self.axes and not issubclass(PATH_TERMS[self.kind], Position):
+        if self.axes and not issubclass(PATH_TERMS[self.kind], CoordinateRows):
             raise ProblemError(f"{key}: axes belong to a position, got kind {self.kind!r}")
         rows = self.term.rows
         if not rows:
@@ -101,6 +103,11 @@ class PathConstraint(BoundedTerm):
     def rows(self) -> int:
         """Number of inequalities."""
         return len(self.lower)
+
+    @property
+    def size(self) -> float:
+        """Of what its equations are errors from, in units of its own; 0 where bounds say all."""
+        return self.term.size_of_errors
 
     @property
     def term(self) -> PathTerm:

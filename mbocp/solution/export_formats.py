@@ -68,6 +68,7 @@ def export_motion(
     interpolation: str | None = None,
     fit: bool = True,
     check: bool = True,
+    part: str | None = None,
     load_robot: Callable[[], Robot] | None = None,
 ) -> Path:
     """Write the motion of the joints that slide or turn about an axis; as a recording, of all of them.
@@ -88,13 +89,16 @@ def export_motion(
         Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
     check : bool
         Whether a motion that leaves limits as it is sent is refused, see `all_excesses`; with a robot alone.
+    part : str, optional
+        Write the joints of this one of several robots alone, as its own controller calls them. All of them
+        are fitted and checked together.
     load_robot : callable, optional
         Loads the robot of the solution, which says the efforts that the motion takes as it is sent.
 
     Raises
     ------
     InvalidValue
-        If format or rate cannot be right.
+        If format, rate or part cannot be right.
     ResultFileError
         If the robot does not fit the format, or the file cannot be written.
     LimitsExceeded
@@ -108,14 +112,14 @@ def export_motion(
     path = Path(path)
     name = format_of(path, kind)
     if name in RECORDINGS:
-        return write_recording(solution, path, name, rate, interpolation)
+        return write_recording(solution, path, name, rate, interpolation, part)
     if load_robot is None or not check:
         sent = prepare(name, solution, rate, interpolation, fit=fit)
     else:
         sent, excesses = prepare_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
             raise LimitsExceeded(path, excesses, what_helps(sent, excesses))
-    return write_samples(sample(sent, load_robot), solution, path, name)
+    return write_samples(sample(sent, load_robot, part), solution, path, name)
 
 
 def what_helps(sent: Sent, excesses: Sequence[Excess], result: Path | str = "RESULT.h5") -> str:
@@ -154,21 +158,27 @@ def _what_helps_paths(sent: Sent, over: float) -> str:
 
 
 def write_recording(
-    solution: SolutionData, path: Path, name: str, rate: float | None = None, interpolation: str | None = None
+    solution: SolutionData,
+    path: Path,
+    name: str,
+    rate: float | None = None,
+    interpolation: str | None = None,
+    part: str | None = None,
 ) -> Path:
     """Write a motion with the poses of its robot for viewers, see `mbocp.solution.recordings`.
 
     Raises
     ------
     InvalidValue, RobotError
-        If the rate cannot be right, another interpolation is asked for, or there is no robot.
+        If the rate cannot be right, an interpolation or a part is asked for, or there is no robot.
     ResultFileError
         If an extra is missing, or the file cannot be written.
     """
     from mbocp.solution.its_robot import robot_of
 
-    if interpolation is not None:
-        raise InvalidValue("interpolation", interpolation, f"none: {name} has the motion as it was solved")
+    for key, value in (("interpolation", interpolation), ("part", part)):
+        if value is not None:
+            raise InvalidValue(key, value, f"none: {name} has the motion of all as it was solved")
     motion = record(solution, robot_of(solution), rate)
     try:
         return replace_file(path, RECORDINGS[name](motion))
@@ -334,7 +344,7 @@ def _urscript(motion: JointSamples, solution: SolutionData) -> bytes:
         raise InvalidValue(
             "format",
             "urscript",
-            f"a robot of six joints that turn; {solution.robot_name} has {len(motion.joints)}",
+            f"six joints that turn; got {len(motion.joints)} of {solution.robot_name}{_or_part(motion)}",
         )
     name = "".join(c if c.isascii() and c.isalnum() else "_" for c in solution.problem_name or "motion")
     steps = np.diff(motion.t)
@@ -351,6 +361,11 @@ def _urscript(motion: JointSamples, solution: SolutionData) -> bytes:
         f"m_{name}()",
     ]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _or_part(motion: JointSamples) -> str:
+    parts = dict.fromkeys(name.partition("/")[0] for name in motion.joints if "/" in name)
+    return f"; or one of its parts: {', '.join(parts)}" if parts else ""
 
 
 def _npz(motion: JointSamples, solution: SolutionData) -> bytes:

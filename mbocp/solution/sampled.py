@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
 from mbocp._text import warn_caller
-from mbocp.exceptions import MbocpError
+from mbocp.exceptions import InvalidValue, MbocpError
 from mbocp.solution.sent import NotCheckedWarning, Sent
 from mbocp.solution.sent_states import Follower
 
@@ -49,8 +50,34 @@ class JointSamples:
     interpolation: str
     left_out: tuple[str, ...]
 
+    def of_part(self, part: str) -> JointSamples:
+        """Those of one of several robots, by the names that its own controller knows.
 
-def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> JointSamples:
+        Raises
+        ------
+        InvalidValue
+            If no joint is of that part.
+        """
+        start = f"{part}/"
+        at = [k for k, name in enumerate(self.joints) if name.startswith(start)]
+        if not at:
+            parts = list(dict.fromkeys(name.partition("/")[0] for name in self.joints if "/" in name))
+            raise InvalidValue.of_choice("part", part, parts or ["none, since the robot has no parts"])
+        return replace(
+            self,
+            joints=tuple(self.joints[k].removeprefix(start) for k in at),
+            units=tuple(self.units[k] for k in at),
+            positions=self.positions[:, at],
+            velocities=self.velocities[:, at],
+            accelerations=self.accelerations[:, at],
+            efforts=self.efforts[:, at],
+            left_out=tuple(name.removeprefix(start) for name in self.left_out if name.startswith(start)),
+        )
+
+
+def sample(
+    sent: Sent, load_robot: Callable[[], Robot] | None = None, part: str | None = None
+) -> JointSamples:
     """Sample a motion as it is sent.
 
     Parameters
@@ -59,6 +86,13 @@ def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> JointSa
     load_robot : callable, optional
         Loads the robot: efforts are then those that the motion takes as it is sent, where it says them.
         Elsewhere they are those of the solution: constant over its steps, or polynomials.
+    part : str, optional
+        Whose joints are sampled, see `JointSamples.of_part`; all by default.
+
+    Raises
+    ------
+    InvalidValue
+        If there is no such part.
 
     Warns
     -----
@@ -78,7 +112,7 @@ def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> JointSa
             efforts[:, k] = applied[:, controls[name]]
     names = {name.partition(".")[0] for name in (*sent.joints, *sent.names)}
     left_out = {column.name.partition(".")[0] for column in labels.v} - names
-    return JointSamples(
+    found = JointSamples(
         times,
         sent.names,
         sent.units,
@@ -89,6 +123,7 @@ def sample(sent: Sent, load_robot: Callable[[], Robot] | None = None) -> JointSa
         sent.curves.interpolation,
         tuple(sorted(left_out)),
     )
+    return found if part is None else found.of_part(part)
 
 
 def _follower(sent: Sent, load_robot: Callable[[], Robot] | None) -> Follower | None:

@@ -223,6 +223,7 @@ class Solution(SolutionData):
         interpolation: str | None = None,
         fit: bool = True,
         check: bool = True,
+        part: str | None = None,
     ) -> Path:
         """Write the motion for controllers and other tools, see `mbocp.solution.export_formats`.
 
@@ -234,7 +235,8 @@ class Solution(SolutionData):
         from mbocp.solution.export_formats import export_motion
 
         how: dict[str, Any] = {"kind": kind, "rate": rate, "interpolation": interpolation, "fit": fit}
-        return export_motion(self, path, **how, load_robot=self.load_robot, check=check)
+        how |= {"check": check, "part": part}
+        return export_motion(self, path, **how, load_robot=self.load_robot)
 
     def to_xarray(self) -> xarray.Dataset:
         """All trajectories by time and name, see `mbocp.solution.export.dataset_of`."""

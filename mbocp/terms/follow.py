@@ -267,7 +267,7 @@ class Follow(PathTerm):
         return self.curve(given).polyline
 
     def target(
-        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+        self, given: PathNumbers, name: str, ends: tuple[pin.SE3, pin.SE3], share: float
     ) -> FrameTarget | None:
         """At a share of the path."""
         (point,) = self.curve(given).at(np.array([share]))

@@ -11,7 +11,8 @@ import numpy as np
 from mbocp._arrays import dataclass
 from mbocp._keys import Key, Table
 from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.robot import Label, Robot
+from mbocp.robot import Robot
+from mbocp.terms.coordinate_rows import CoordinateRows
 from mbocp.terms.path_term import (
     COSINE,
     SQUARE,
@@ -25,17 +26,12 @@ from mbocp.terms.path_term import (
 from mbocp.terms.point import Point
 from mbocp.terms.written import Bound, Range, Triple
 
-_AXES = "xyz"
-
-
 _HISTORIC: Mapping[str, int] = {"point": 3}  # every kind of the first release has one, used or not
 
 
 @dataclass(frozen=True)
-class Position(PathTerm):
+class Position(CoordinateRows):
     """Coordinates of the frame's origin in the world."""
-
-    axes: tuple[int, ...]
 
     kind = "position"
     unit = "m"
@@ -55,39 +51,9 @@ class Position(PathTerm):
         y: Range = None
         z: Range = None
 
-    @classmethod
-    def of(cls, given: PathNumbers) -> Position:
-        """With its rows."""
-        return cls(given.frame, given.axes)
-
-    @classmethod
-    def read(cls, given: Mapping[str, Any], robot: Robot, key: str) -> dict[str, Any]:
-        """Rows and bounds."""
-        axes = tuple(i for i, axis in enumerate(_AXES) if axis in given)
-        if not axes:
-            raise ProblemError(f"{key}: bounds nothing; give x, y or z as [lower, upper]")
-        lower, upper = np.array([given[_AXES[i]] for i in axes]).T
-        return {"axes": axes, "lower": lower, "upper": upper}
-
-    @classmethod
-    def write(cls, given: PathNumbers, robot: Robot) -> dict[str, Any]:
-        """A pair for each row."""
-        sides = zip(given.axes, given.lower, given.upper, strict=True)
-        return {_AXES[i]: [low, high] for i, low, high in sides}
-
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Coordinates [m]."""
         return at.mechanics.frame_position(self.frame, at.q)[list(self.axes)]
-
-    @property
-    def rows(self) -> int:
-        """One for each axis."""
-        return len(self.axes)
-
-    @classmethod
-    def labels(cls, given: PathNumbers) -> tuple[Label, ...]:
-        """The axis behind the name."""
-        return tuple(Label(f"{given.name}.{_AXES[i]}", cls.unit) for i in given.axes)
 
 
 @dataclass(frozen=True)
@@ -286,12 +252,13 @@ class Orientation(PathTerm):
 
 
 @dataclass(frozen=True)
-class CentreOfMass(Position):
+class CentreOfMass(CoordinateRows):
     """Coordinates of the centre of mass in the world."""
 
     kind = "centre_of_mass"
+    unit = "m"
     of_robot = True
-    sizes: ClassVar[Mapping[str, int]] = {}
+    Keys = Position.Keys
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Coordinates [m]."""
@@ -299,14 +266,13 @@ class CentreOfMass(Position):
 
 
 @dataclass(frozen=True)
-class AngularMomentum(Position):
+class AngularMomentum(CoordinateRows):
     """Components of the angular momentum about the centre of mass, in the axes of the world."""
 
     kind = "angular_momentum"
     unit = "N m s"
     of_robot = True
     has_velocity = True
-    sizes: ClassVar[Mapping[str, int]] = {}
 
     class Keys(Table):
         """Keys."""

@@ -122,10 +122,10 @@ class Line(PathTerm):
         return np.array([given.number("a"), given.number("b")])
 
     def target(
-        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+        self, given: PathNumbers, name: str, ends: tuple[pin.SE3, pin.SE3], share: float
     ) -> FrameTarget | None:
         """On the straight line from the start to the goal."""
-        start, end = ends
+        start, end = (placement.translation for placement in ends)
         return FrameTarget(name=name, position=start + share * (end - start))
 
     @classmethod
@@ -196,7 +196,7 @@ class OrientationKept(PathTerm):
         return (ca.trace(E) - 1) / 2
 
     def target(
-        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+        self, given: PathNumbers, name: str, ends: tuple[pin.SE3, pin.SE3], share: float
     ) -> FrameTarget | None:
         """The orientation that it keeps."""
         rotation = given.number("rotation").reshape(3, 3, order="F")

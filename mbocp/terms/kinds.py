@@ -26,6 +26,7 @@ from mbocp.terms.end import (
 )
 from mbocp.terms.path_term import PATH_TERMS as PATH_TERMS
 from mbocp.terms.frame_path import Position as Position
+from mbocp.terms.frame_velocity import FrameVelocity as FrameVelocity
 from mbocp.terms.braking import Braking as Braking
 from mbocp.terms.over_speed import AccelerationOverSpeed as AccelerationOverSpeed
 from mbocp.terms.motor import MotorTorque as MotorTorque

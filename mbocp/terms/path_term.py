@@ -107,6 +107,8 @@ class PathTerm(Structure, ABC):
         Whether it is about the motor of that joint.
     of_robot : bool
         Whether it is about all of the robot, and no frame.
+    size_of_errors : float
+        Of what its equations are errors from; 0 where bounds say all.
     frame : int
         Index of the frame.
     """
@@ -121,6 +123,7 @@ class PathTerm(Structure, ABC):
     of_joint: ClassVar[bool] = False
     of_motor: ClassVar[bool] = False
     of_robot: ClassVar[bool] = False
+    size_of_errors: ClassVar[float] = 0.0
     Keys: ClassVar[type[Table]]
 
     def __init_subclass__(cls) -> None:
@@ -193,14 +196,14 @@ class PathTerm(Structure, ABC):
         return None
 
     def target(
-        self, given: PathNumbers, name: str, ends: tuple[Array, Array], share: float
+        self, given: PathNumbers, name: str, ends: tuple[pin.SE3, pin.SE3], share: float
     ) -> FrameTarget | None:
         """Where the frame `name` is after a share of the way, where the constraint says so.
 
         Parameters
         ----------
-        ends : tuple of ndarray, shapes (3,)
-            Positions of the frame at the start and at the goal [m].
+        ends : tuple of pinocchio.SE3
+            Placements of the frame at the start and at the goal.
         """
         return None
 

@@ -202,6 +202,28 @@ def test_files_say_the_motion(tmp_path):
     assert script.rstrip().endswith(")")
 
 
+def test_each_part_has_a_file_of_its_own(tmp_path):
+    """By the names that its own controller knows; all of them at the same times."""
+    names = [f"arm/j{i}" for i in range(6)] + ["base/x"]
+    q, v, u = ([Column(name, unit) for name in names] for unit in ("rad", "rad/s", "N m"))
+    whole = fabricate(q, v, u, num_steps=20)
+    of_arm, both = tmp_path / "arm.npz", tmp_path / "both.npz"
+    whole.export(of_arm, rate=50.0, part="arm")
+    whole.export(both, rate=50.0)
+    with np.load(of_arm) as part, np.load(both) as all_of_them:
+        assert part["joints"].tolist() == [f"j{i}" for i in range(6)]
+        for key in "qvau":
+            np.testing.assert_array_equal(part[key], all_of_them[key][:, :6])
+        np.testing.assert_array_equal(part["t"], all_of_them["t"])
+    assert "servoj(" in whole.export(tmp_path / "arm.script", part="arm").read_text()
+    with pytest.raises(ResultFileError, match="one of its parts: arm, base"):
+        whole.export(tmp_path / "both.script")
+    with pytest.raises(InvalidValue, match=r"part: got 'amr'.*did you mean 'arm'"):
+        whole.export(tmp_path / "other.csv", part="amr")
+    with pytest.raises(InvalidValue, match="the robot has no parts"):
+        arm().export(tmp_path / "one.csv", part="arm")
+
+
 def test_what_does_not_fit_is_refused(tmp_path):
     with pytest.raises(ResultFileError, match="six joints that turn"):
         arm(3).export(tmp_path / "m.script")

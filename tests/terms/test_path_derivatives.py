@@ -19,6 +19,8 @@ ON_ARM: dict[str, list[dict[str, Any]]] = {
     "distance": [{"kind": "distance", "point": [0.1, 0.2, 0.3], "max": 9.0}],
     "speed": [{"kind": "speed", "max": 9.0}],
     "speed along a direction": [{"kind": "speed", "direction": [0.3, 2, 0], "min": -9.0, "max": 9.0}],
+    "velocity": [{"kind": "velocity", "x": [-9, 9], "y": [-9, 9], "z": [-9, 9]}],
+    "frame_acceleration": [{"kind": "frame_acceleration", "x": [-99, 99], "y": [-99, 99]}],
     "angular_speed": [{"kind": "angular_speed", "max": 9.0}],
     "centre_of_mass": [{"kind": "centre_of_mass", "x": [-2, 2], "z": [-2, 2]}],
     "angular_momentum": [{"kind": "angular_momentum", "x": [-9, 9], "y": [-9, 9]}],
