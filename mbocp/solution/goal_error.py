@@ -51,7 +51,7 @@ def goal_error(problem: Problem, motion: Motion, ps: Array) -> str:
 
 def _worst(away: Array, asked: BoolArray, labels: Sequence[Label]) -> str:
     """Size of the largest error among those that count, and where it is."""
-    worst = int(np.abs(np.where(asked, away, 0.0)).argmax())
+    worst = int(np.where(asked, np.abs(away), -1.0).argmax())
     return f"{abs(away[worst]):.2e} {labels[worst].unit} at {labels[worst].name}"
 
 

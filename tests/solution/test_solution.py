@@ -8,8 +8,11 @@ import pickle
 import numpy as np
 import pytest
 
+from mbocp import Problem
 from mbocp.exceptions import DimensionMismatch, InvalidValue
+from mbocp.formulation import Motion
 from mbocp.solution import Column, IterationRecord, Labels, Status
+from mbocp.solution.goal_error import goal_error
 from mbocp.solution.problem_facts import Facts, PathRow
 
 from .fabricated import arm, limited, pendulum
@@ -209,3 +212,13 @@ def test_options_are_copied() -> None:
     solution = pendulum(options=options)
     options["nested"]["tolerance"] = 1.0
     assert solution.options["nested"]["tolerance"] == 1e-9
+
+
+def test_what_is_met_exactly_is_off_by_nothing() -> None:
+    """The first joint, which may end anywhere, is far from a number that nobody asked."""
+    goal = {"q": {"joint2": 0.4}, "v": {"joint2": 0.0}}
+    problem = Problem.create("double_pendulum", 1.0, 2, start={"q": [0.0, 0.0]}, goal=goal)
+    vs = np.array([[0.0, 0.0], [1.0, 0.4], [2.0, 0.0]])
+    motion = Motion(np.array([[0.0, 0.0], [0.5, 0.2], [1.5, 0.4]]), vs, np.zeros((2, 2)), np.full(2, 0.5))
+    expected = "off by 0.00e+00 rad at joint2, velocity by 0.00e+00 rad/s at joint2"
+    assert goal_error(problem, motion, vs) == expected
