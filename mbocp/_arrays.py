@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from reprlib import recursive_repr
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -146,8 +147,16 @@ def _refuse_to_delete(self: Any, name: str) -> None:
     raise dataclasses.FrozenInstanceError(f"cannot delete field {name!r}")
 
 
+@cache
+def _names(cls: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of the fields that are compared, and of those that are hashed."""
+    fields = dataclasses.fields(cls)
+    hashed = (f.name for f in fields if (f.compare if f.hash is None else f.hash))
+    return tuple(f.name for f in fields if f.compare), tuple(hashed)
+
+
 def _values(self: Any) -> tuple[Any, ...]:
-    return tuple(getattr(self, f.name) for f in dataclasses.fields(self) if f.compare)
+    return tuple([getattr(self, name) for name in _names(self.__class__)[0]])
 
 
 def _equal(self: Any, other: Any) -> bool:
@@ -155,8 +164,7 @@ def _equal(self: Any, other: Any) -> bool:
 
 
 def _hash(self: Any) -> int:
-    fields = dataclasses.fields(self)
-    return hash(tuple(getattr(self, f.name) for f in fields if (f.compare if f.hash is None else f.hash)))
+    return hash(tuple([getattr(self, name) for name in _names(self.__class__)[1]]))
 
 
 @recursive_repr()

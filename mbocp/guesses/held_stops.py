@@ -82,6 +82,8 @@ class _Ties:
             found[mine] = self.table.residuals(q[None], known[None])[0][mine]
         for (_, at), before, turn in zip(self._attitudes, self._turns_before, self._turns(q), strict=True):
             found[at] = pin.log3(before.T @ turn)
+        if not self.own.any():
+            return found[self.rows]
         own = closure_by_angle(self.table.robot, q)[0][self._kept_rows]
         return np.concatenate([own, found[self.rows]])
 
@@ -91,6 +93,8 @@ class _Ties:
         for (constraint, at), turn in zip(self._attitudes, self._turns(q), strict=True):
             in_a, in_b = (frame_jacobian(robot.model, q, k, pin.LOCAL)[3:] for k in constraint.frame_ids)
             found[at] = in_a - turn.T @ in_b
+        if not self.own.any():
+            return found[self.rows]
         own = closure_by_angle(robot, q)[1]()[self._kept_rows]
         return np.vstack([own, found[self.rows]])
 

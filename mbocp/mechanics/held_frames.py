@@ -113,14 +113,18 @@ def held_jacobian(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX) -> 
 
 def held_jacobians(robot: Robot, held: Sequence[HeldFrame], qs: Array) -> Array:
     """J at n configurations, shape (n, rows, nv)."""
-    function = _functions(robot, tuple(held))[1].map(len(qs))
+    function = _along(_functions(robot, tuple(held))[1], len(qs))
     found = np.asarray(function(qs.T)).reshape(-1, len(qs), robot.nv)
     return np.ascontiguousarray(found.transpose(1, 0, 2))
 
 
 def held_residuals(robot: Robot, held: Sequence[HeldFrame], qs: Array, anchors: Array) -> Array:
     """Phi at n configurations from n anchors, shape (n, rows) [m, rad]."""
-    return np.asarray(_functions(robot, tuple(held))[0].map(len(qs))(qs.T, anchors.T)).T
+    return np.asarray(_along(_functions(robot, tuple(held))[0], len(qs))(qs.T, anchors.T)).T
+
+
+def _along(function: ca.Function, count: int) -> ca.Function:
+    return function if count == 1 else function.map(count)
 
 
 @lru_cache(maxsize=_KEPT)

@@ -78,6 +78,9 @@ public:
     void take_back(int passes);
     void add_pass(Residual& out) const { limits_.add_transposed(pass_, out); }
     bool has_equations() const { return !missed_.empty(); }
+    bool has_equations(int n) const {
+        return has_equations() && limits_.equations_of(n).first < limits_.equations_of(n).second;
+    }
     // Slacks and multipliers along the direction, how far these allow to go, and the barrier's part of the slope.
     void find_step(const Increment& step, Direction& d);
 

@@ -190,11 +190,11 @@ void Controls::pass_on(int n, const Form& form) {
             dense::zero(P + i * px + nd, px - nd);
         }
         dense::gemm_tn(nd, nd, nu, U + pg, ld, s.K, px, P, px);
-        for (int i = 0; i < nd; ++i)
-            for (int j = 0; j < i; ++j) {
-                const double mean = 0.5 * (P[i * px + j] + P[j * px + i]);
-                P[i * px + j] = P[j * px + i] = mean;
-            }
+        dense::symmetrise(nd, P, px, nullptr, 0);
+        for (int i = 0; i < nd; ++i) {
+            dense::scaled(px, 0.5, P + i * px, P + i * px);
+            dense::zero(P + i * px + nd, px - nd);
+        }
     }
     if (!ng) return;
     if (n > 0) {

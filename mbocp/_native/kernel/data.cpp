@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "followers.hpp"
+
 namespace mbocp {
 using dense::padded;
 
@@ -29,6 +31,7 @@ std::size_t lay_out(const Problem& problem, const Kind& k, double* base, int* in
         take(s.Jw, product(nc, pw)), take(s.Js, product(nc, ps));
         take(s.Hww, product(pw, pw)), take(s.Hws, product(pw, ps)), take(s.Hss, product(ps, ps));
         take(s.LU, product(nc, pw)), take(s.lead, product(3 * k.lead, padded(k.lead))), take(s.T, product(pw, ps));
+        take(s.V, size_of_followers(k));
     }
     take(s.Quu, product(k.nu, padded(k.nu))), take(s.K, product(padded(k.nu), ldd)), take(s.Keta, product(k.nu, ldg));
     take(s.P, product(ldd, ldd)), take(s.S, product(ldd, ldg));

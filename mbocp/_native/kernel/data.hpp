@@ -9,9 +9,9 @@
 
 namespace mbocp {
 
-// What a dense step solves with: Jw's factors; Jw = -1; those of what is left of Jw without its direct rows; or those
-// of its diagonal blocks E and Y, see Kind.
-enum class StepFactors { whole, none, rest, blocks };
+// What a dense step solves with: Jw's factors; Jw = -1; those of what is left of Jw without its direct rows; those of
+// its diagonal blocks E and Y, see Kind; or those of what is left without followers.
+enum class StepFactors { whole, none, rest, blocks, others };
 
 // How a stage's Quu has been factorised: definite or not, without pivoting; definite; with pivoting.
 enum class ControlFactors { ldl, cholesky, lu };
@@ -24,6 +24,7 @@ struct Stage {
 
     // Of a dense step: derivatives, and factors.
     double *Jw, *Js, *Hww, *Hws, *Hss, *LU;
+    double* V;     // the response of what its followers follow, and more behind it, see followers.hpp
     double* lead;  // -A^{-1} of its direct rows' lead, A a + B z + C s, with D = -A^{-1} B and J = -A^{-1} C behind it
     int* pivot;
     StepFactors factors_of;

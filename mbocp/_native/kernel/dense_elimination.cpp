@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "dense_step.hpp"
+#include "followers.hpp"
 #include "structured_elimination.hpp"
 
 namespace mbocp {
@@ -31,8 +32,8 @@ std::unique_ptr<Elimination> make_elimination(const Problem& problem, Data& data
 DenseElimination::DenseElimination(const Problem& problem, Data& data, Step& step, Barrier& barrier, EndMultiplier& eta)
     : problem_(problem), data_(data), step_(step), barrier_(barrier), controls_(problem, data, barrier, eta) {
     const std::size_t pw = padded(problem.kind().nw()), ps = padded(problem.kind().ns()), pg = padded(problem.ng);
-    // Of a form: its rows, H, M, G, Y, and J'(...); see below.
-    work_.allocate((2 * pw + 1) * pw + (3 * pw + ps + 12) * (pg + ps) + 4 * pw + 4 * ps + 128);
+    // Of a form: its rows, H, B, M, G, Y, and J'(...); see below.
+    work_.allocate((3 * pw + 1) * pw + (3 * pw + ps + 12) * (pg + ps) + 4 * pw + 4 * ps + 128);
     vectors_.allocate(pw + ps + 16);
     pivots_.assign(static_cast<std::size_t>(problem.N), -1.0);
 }
@@ -47,7 +48,8 @@ bool DenseElimination::start(const Residual&, Factorisation&) {
 }
 
 void DenseElimination::learn() {
-    for (int n = 0; barrier_.has_equations() && n < problem_.N; ++n) {
+    for (int n = 0; n < problem_.N; ++n) {
+        if (!barrier_.has_equations(n)) continue;
         condense_ahead(n, 0);
         if (pivots_[n] >= singular) learn(n);
     }
@@ -66,7 +68,8 @@ bool DenseElimination::condense(int n, const Weights& weights, Factorisation& re
     result.smallest_pivot = std::min(result.smallest_pivot, pivot);
     if (pivot < singular) return false;
     if (!barrier_.empty()) barrier_.add_to_value(n, s.P);
-    if (barrier_.has_equations()) learn(n);
+    if (barrier_.has_equations(n)) learn(n);
+    if (s.factors_of == StepFactors::others) return controls_.eliminate(n, form_of_others(s, weights.shift), result);
     if (s.factors_of != StepFactors::rest) return controls_.eliminate(n, whole_form(s, weights.shift), result);
     const auto form = [&](auto joints) { return form_of_rest<joints()>(s, weights.shift); };
     return controls_.eliminate(n, dense::for_few(s.kind->joints(), form), result);
@@ -220,6 +223,63 @@ Form DenseElimination::form_of_rest(const Stage& s, double shift) {
     dense::gemm_tn<Joints, false>(nu, ld, nz, V + nd, ps, M, ld, form.of_controls, ld);
     for (int i = 0; i < nz; ++i) dense::axpy(pd, 1.0, Y + i * ps, M + i * ld + pg);
     dense::gemm_tn<Joints>(nd, pg + nd, nz, V, ps, M, ld, form.of_state, ld);
+    add_hessian(s, form);
+    return form;
+}
+
+// The same with followers a; by halves and their transposes.
+Form DenseElimination::form_of_others(const Stage& s, double shift) {
+    const FollowersOf f(s);
+    const Kind& k = *s.kind;
+    const std::vector<int>&a = f.of.a, &z = f.of.z;
+    const int nd = problem_.ndx, nz = f.nz, pw = f.pw, pz = f.pz, ps = f.ps;
+    const int pg = padded(problem_.ng);
+    const Box& box = k.of_Hws;
+    Space space(work_.data());
+    const Form form = take_form(k, space, true);
+    const int ld = form.ld;
+    dense::zero(form.of_state, padded(f.ns) * ld);
+    double *H = space.take(f.nw, pw), *B = space.take(nz, pw), *G = space.zeros(nz, pz), *M = space.take(pz, ld);
+    double *Y = space.zeros(nz, ps), *X = space.take(nd, ld);  // the latter of a's rows alone
+    add_up<0>(s, shift, H);
+    const auto add_Hws = [&](int i, double by, double* to) {
+        if (box.row <= i && i < box.row + box.rows)
+            dense::axpy(padded(box.columns), by, s.Hws + i * ps + box.column, to + box.column);
+    };
+    for (int i = 0; i < nz; ++i) {  // B = L'H, and Y and L'S with it
+        dense::copy(H + z[i] * pw, B + i * pw, pw);
+        dense::zero(M + i * ld, pg);
+        if (z[i] < nd) dense::copy(s.S + z[i] * pg, M + i * ld, pg);
+        add_Hws(z[i], 1.0, Y + i * ps);
+    }
+    for (const Entry& e : f.of.D) {
+        const double d = f.D(e);
+        dense::axpy(pw, d, H + e.row * pw, B + e.column * pw);
+        dense::axpy(pg, d, s.S + e.row * pg, M + e.column * ld);
+        add_Hws(e.row, d, Y + e.column * ps);
+    }
+    for (int i = 0; i < nz; ++i)
+        for (int j = 0; j < nz; ++j) G[i * pz + j] = 0.5 * B[i * pw + z[j]];
+    for (const Entry& e : f.of.D) {
+        const double d = 0.5 * f.D(e);
+        for (int i = 0; i < nz; ++i) G[i * pz + e.column] += d * B[i * pw + e.row];
+    }
+    for (const int i : a) {
+        dense::copy(s.S + i * pg, X + i * ld, pg), dense::zero(X + i * ld + pg, ps);
+        add_Hws(i, 1.0, X + i * ld + pg);
+    }
+    for (const Entry& e : f.of.J) {
+        const double by = f.J(e);
+        for (int i = 0; i < nz && by != 0.0; ++i) Y[i * ps + e.column] += by * B[i * pw + e.row];
+        for (std::size_t i = 0; i < a.size() && by != 0.0; ++i)
+            X[a[i] * ld + pg + e.column] += 0.5 * by * H[a[i] * pw + e.row];
+    }
+    dense::gemm_tn<0, false>(nz, f.ns, nz, G, pz, f.V, ps, M + pg, ld);
+    for (int i = 0; i < nz; ++i) dense::axpy(ps, 1.0, Y + i * ps, M + i * ld + pg);
+    for (const Entry& e : f.of.J)
+        if (const double by = f.J(e); by != 0.0) dense::axpy(ld, by, X + e.row * ld, form.of_state + e.column * ld);
+    dense::gemm_tn(f.ns, ld, nz, f.V, ps, M, ld, form.of_state, ld);
+    dense::symmetrise(f.ns, form.of_state + pg, ld, nullptr, 0);
     add_hessian(s, form);
     return form;
 }

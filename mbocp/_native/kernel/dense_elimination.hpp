@@ -32,6 +32,7 @@ private:
     void add_up(const Stage& s, double shift, double* H) const;
     template <int Joints>
     Form form_of_rest(const Stage& s, double shift);
+    Form form_of_others(const Stage& s, double shift);
     void learn(int n);
     Form whole_form(const Stage& s, double shift);
     Form take_form(const Kind& k, Space& space, bool is_connected = false) const;

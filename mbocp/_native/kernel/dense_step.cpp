@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "followers.hpp"
 #include "structured_step.hpp"
 
 namespace mbocp {
@@ -46,7 +47,7 @@ struct BlocksOf {
     int *pivot_E, *pivot_Y;
 
     double D(int i) const { return Jw[i * (pw + 1)]; }
-    double B(const Kind::Entry& entry) const { return Jw[entry.row * pw + entry.column]; }
+    double B(const Entry& entry) const { return Jw[entry.row * pw + entry.column]; }
 };
 
 // Whether the kind's direct rows, but for their lead, are a = D z + J s here, with D small enough to lose no digits
@@ -117,6 +118,7 @@ void DenseStep::store_first(int n, const StageFunction& f) {
 void DenseStep::add_jacobian(int n, const double* dw, const double* ds, double* c) const {
     const Stage& s = data_[n];
     const Kind& k = *s.kind;
+    if (!k.followers.empty()) return FollowersOf(s).add_jacobian(dw, ds, c);
     const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns()), lead = k.lead;
     if (lead) {
         dense::gemv(lead, lead, s.Jw, pw, dw, c), dense::gemv(lead, lead, s.Jw + na, pw, dw + na, c);
@@ -134,6 +136,7 @@ void DenseStep::add_jacobian(int n, const double* dw, const double* ds, double* 
 void DenseStep::add_jacobian_transposed(int n, const double* dm, double* w, double* s) const {
     const Stage& at = data_[n];
     const Kind& k = *at.kind;
+    if (!k.followers.empty()) return FollowersOf(at).add_jacobian_transposed(dm, w, s);
     const int na = k.num_direct, nz = k.nw() - na, pw = padded(k.nw()), ps = padded(k.ns()), lead = k.lead;
     if (w) {
         if (lead) dense::gemv_t(lead, lead, at.Jw, pw, dm, w), dense::gemv_t(lead, lead, at.Jw + na, pw, dm, w + na);
@@ -172,6 +175,7 @@ double DenseStep::factor(int n, int thread) {
     const double of_lead = has_direct_rows(s) ? factor_lead(s) : 0.0;
     if (of_lead > 0.0) return std::min(of_lead, factor_rest(s, thread));
     if (k.blocks.upper) return factor_blocks(s);
+    if (const FollowersOf followers(s); followers.fit()) return s.factors_of = StepFactors::others, followers.factor();
     s.factors_of = StepFactors::whole;
     dense::copy(s.Jw, s.LU, k.nc() * padded(k.nw()));
     return dense::factor(k.nc(), s.LU, padded(k.nw()), s.pivot);
@@ -246,6 +250,7 @@ void DenseStep::solve(int n, double* c) const {
         return;
     }
     if (s.factors_of == StepFactors::blocks) return solve_blocks(s, c);
+    if (s.factors_of == StepFactors::others) return FollowersOf(s).solve(c);
     const int na = s.kind->num_direct, nz = nc - na;
     const Lead lead(s);
     double* z = c + na;
@@ -262,6 +267,7 @@ void DenseStep::solve_transposed(int n, double* w) const {
     const int nc = s.kind->nc(), pw = padded(s.kind->nw());
     if (s.factors_of == StepFactors::whole) return dense::solve_transposed(nc, s.LU, pw, s.pivot, w);
     if (s.factors_of == StepFactors::blocks) return solve_blocks_transposed(s, w);
+    if (s.factors_of == StepFactors::others) return FollowersOf(s).solve_transposed(w);
     for (int i = 0; i < nc && s.factors_of == StepFactors::none; ++i) w[i] = -w[i];
     if (s.factors_of == StepFactors::none) return;
     const int na = s.kind->num_direct, nz = nc - na;
@@ -279,7 +285,7 @@ void DenseStep::solve_blocks(const Stage& s, double* c) const {
     const BlocksOf b(s);
     double *of_E = c + b.plain, *of_Y = c + b.upper;
     dense::solve_vector(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
-    for (const Kind::Entry& entry : b.kind.beyond) c[entry.row] -= b.B(entry) * c[entry.column];
+    for (const Entry& entry : b.kind.beyond) c[entry.row] -= b.B(entry) * c[entry.column];
     for (int i = 0; i < b.plain; ++i) c[i] /= b.D(i);
     dense::gemv(b.ne, b.plain, b.A, b.pw, c, of_E, -1.0);
     dense::gemv(b.ne, b.ny, b.C, b.pw, of_Y, of_E, -1.0);
@@ -292,7 +298,7 @@ void DenseStep::solve_blocks_transposed(const Stage& s, double* w) const {
     dense::solve_transposed(b.ne, b.E, b.pe, b.pivot_E, of_E);
     dense::gemv_t(b.ne, b.plain, b.A, b.pw, of_E, w, -1.0);
     for (int i = 0; i < b.plain; ++i) w[i] /= b.D(i);
-    for (const Kind::Entry& entry : b.kind.beyond) w[entry.column] -= b.B(entry) * w[entry.row];
+    for (const Entry& entry : b.kind.beyond) w[entry.column] -= b.B(entry) * w[entry.row];
     dense::gemv_t(b.ne, b.ny, b.C, b.pw, of_E, of_Y, -1.0);
     dense::solve_transposed(b.ny, b.Y, b.py, b.pivot_Y, of_Y);
 }
@@ -303,6 +309,10 @@ double DenseStep::prepare_response(int n, int thread) {
     const double pivot = factor(n, thread);
     if (s.factors_of == StepFactors::rest) {
         if (pivot > 0.0) respond_rest(s, thread);
+        return pivot;
+    }
+    if (s.factors_of == StepFactors::others) {
+        if (pivot > 0.0) FollowersOf(s).respond();
         return pivot;
     }
     dense::scaled(nc * ps, s.factors_of == StepFactors::none ? 1.0 : -1.0, s.Js, s.T);
@@ -339,6 +349,7 @@ void add_hessian_of(const Stage& at, const double* dw, double* w, double* s) {
 }
 
 void complete_response(const Stage& s) {
+    if (s.factors_of == StepFactors::others) return FollowersOf(s).complete();
     if (s.factors_of != StepFactors::rest) return;
     const int na = s.kind->num_direct, pw = padded(s.kind->nw()), ps = padded(s.kind->ns());
     const Lead lead(s);
@@ -356,6 +367,7 @@ void complete_response(const Stage& s) {
 void add_response(const Stage& s, const double* ds, double* dw) {
     const Kind& k = *s.kind;
     const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
+    if (s.factors_of == StepFactors::others) return FollowersOf(s).add_response(ds, dw);
     if (s.factors_of != StepFactors::rest) return dense::gemv(nw, ns, s.T, ps, ds, dw);
     const int na = k.num_direct, nz = nw - na;
     const Lead lead(s);
@@ -371,6 +383,7 @@ void add_response(const Stage& s, const double* ds, double* dw) {
 void add_response_transposed(const Stage& s, double* dw, double* ds) {
     const Kind& k = *s.kind;
     const int nw = k.nw(), ns = k.ns(), pw = padded(nw), ps = padded(ns);
+    if (s.factors_of == StepFactors::others) return FollowersOf(s).add_response_transposed(dw, ds);
     if (s.factors_of != StepFactors::rest) return dense::gemv_t(nw, ns, s.T, ps, dw, ds);
     const int na = k.num_direct, nz = nw - na;
     const Lead lead(s);
@@ -387,7 +400,7 @@ void DenseStep::respond_blocks(const Stage& s) const {
     const int ps = padded(s.kind->ns());
     double *of_E = s.T + b.plain * ps, *of_Y = s.T + b.upper * ps;
     dense::solve(b.ny, b.Y, b.py, b.pivot_Y, of_Y, ps, ps);
-    for (const Kind::Entry& entry : b.kind.beyond)
+    for (const Entry& entry : b.kind.beyond)
         dense::axpy(ps, -b.B(entry), s.T + entry.column * ps, s.T + entry.row * ps);
     for (int i = 0; i < b.plain; ++i) dense::scaled(ps, 1.0 / b.D(i), s.T + i * ps, s.T + i * ps);
     dense::gemm_nn(b.ne, ps, b.plain, b.A, b.pw, s.T, ps, of_E, ps, -1.0);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 
@@ -72,12 +73,18 @@ Direct find_direct(const Pattern& J, int nw, int ndx) {
     return {0, 0};
 }
 
+// Where one of the patterns has entries.
+std::vector<std::vector<bool>> entries_of(const std::vector<const Pattern*>& patterns) {
+    const Pattern& any = *patterns.front();
+    std::vector<std::vector<bool>> has(any.rows, std::vector<bool>(any.columns, false));
+    for (const Pattern* J : patterns)
+        for (int k = 0; k < J->nnz(); ++k) has[J->row[k]][J->column[k]] = true;
+    return has;
+}
+
 // The form of Jw that leaves least to factorise, by both patterns that it may have.
 Kind::Blocks find_blocks(const std::vector<const Pattern*>& patterns, int nw) {
-    std::vector<std::vector<bool>> has(nw, std::vector<bool>(nw, false));
-    for (const Pattern* J : patterns)
-        for (int k = 0; k < J->nnz(); ++k)
-            if (J->column[k] < nw) has[J->row[k]][J->column[k]] = true;
+    const std::vector<std::vector<bool>> has = entries_of(patterns);
     const auto knows = [&](int row, int columns) {  // any of the first ones but its own
         for (int j = 0; j < columns; ++j)
             if (j != row && has[row][j]) return true;
@@ -95,6 +102,41 @@ Kind::Blocks find_blocks(const std::vector<const Pattern*>& patterns, int nw) {
         if (is_split && left < least) best = {plain, upper}, least = left;
     }
     return best;
+}
+
+// Rows of the state with an entry on the diagonal that know no other follower, those of the fewest entries first.
+Followers find_followers(const std::vector<const Pattern*>& patterns, int nw, int ndx) {
+    constexpr int least = 16, least_part = 4;  // unknowns, and part of them, for which it is worth the while
+    const std::vector<std::vector<bool>> has = entries_of(patterns);
+    std::vector<int> order(static_cast<std::size_t>(ndx));
+    std::iota(order.begin(), order.end(), 0);
+    const auto count = [&](int i) { return std::count(has[i].begin(), has[i].begin() + nw, true); };
+    std::stable_sort(order.begin(), order.end(), [&](int i, int j) { return count(i) < count(j); });
+    Followers found;
+    for (const int i : order) {
+        const auto is_apart = [&](int j) { return !has[i][j] && !has[j][i]; };
+        if (has[i][i] && std::all_of(found.a.begin(), found.a.end(), is_apart)) found.a.push_back(i);
+    }
+    if (nw < least || static_cast<int>(found.a.size()) * least_part < nw) return {};
+    std::sort(found.a.begin(), found.a.end());
+    const auto follows = [&](int i) { return std::binary_search(found.a.begin(), found.a.end(), i); };
+    for (int i = 0; i < nw; ++i)
+        if (!follows(i)) found.z.push_back(i);
+    for (const int i : found.z) {
+        if (found.runs.empty() || i != found.runs.back().first + found.runs.back().count) found.runs.push_back({i, 0});
+        ++found.runs.back().count;
+    }
+    found.place.assign(static_cast<std::size_t>(nw), -1);
+    for (const int i : found.a) {
+        for (std::size_t k = 0; k < found.z.size(); ++k)
+            if (has[i][found.z[k]]) found.D.push_back({i, static_cast<int>(k)});
+        for (std::size_t j = nw; j < has[i].size(); ++j)
+            if (has[i][j]) found.J.push_back({i, static_cast<int>(j) - nw});
+        if (std::none_of(found.z.begin(), found.z.end(), [&](int row) { return has[row][i]; })) continue;
+        found.place[i] = static_cast<int>(found.known.size());
+        found.known.push_back(i);
+    }
+    return found;
 }
 
 bool is_split(const Pattern& upper, int ndx, int nw) {
@@ -153,7 +195,10 @@ void Kind::prepare() {
         const int i = all[2].row[k], j = all[2].column[k] - nw();
         if (lead <= i && i < num_direct && j >= 0 && j != i) before.push_back({i, j});
     }
-    if (groups.empty() && !may_be_explicit && !num_direct) blocks = find_blocks({&all[2], &first[2]}, nw());
+    if (groups.empty() && !may_be_explicit && !num_direct) {
+        blocks = find_blocks({&all[2], &first[2]}, nw());
+        if (!blocks.upper) followers = find_followers({&all[2], &first[2]}, nw(), ndx);
+    }
     for (int k = 0; k < all[2].nnz(); ++k) {
         const int i = all[2].row[k], j = all[2].column[k];
         if (i < blocks.plain && j >= blocks.upper && j < nw()) beyond.push_back({i, j});

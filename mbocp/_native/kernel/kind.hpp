@@ -29,6 +29,24 @@ struct Target {
 };
 using Targets = std::vector<Target>;
 
+struct Entry {
+    int row, column;
+};
+
+// Unknowns a of the state that follow from the others z and from s by the pattern, see followers.hpp.
+struct Followers {
+    std::vector<int> a, z;    // in rising order
+    std::vector<Entry> D, J;  // rows among all unknowns; columns of D among z
+    std::vector<int> known;   // of a, by rows of z
+    std::vector<int> place;   // of each unknown among these, or -1
+    struct Run {
+        int first, count;
+    };
+    std::vector<Run> runs;  // of z
+
+    bool empty() const { return a.empty(); }
+};
+
 // Functions of (x0, x1, y, u, [m,] theta, rho).
 struct Kind {
     int nx = 0, ndx = 0, ny = 0, nu = 0, nr = 0;  // state, its tangent, algebraic unknowns, controls, stage parameters
@@ -43,9 +61,6 @@ struct Kind {
 
     // The first unknowns, w_i = d_i w_{num_direct + i} + J_i s for i < num_direct, as far as the pattern says so: the
     // rows of a step that only add up speeds. `before` has the entries of J off its diagonal.
-    struct Entry {
-        int row, column;
-    };
     int num_direct = 0;
     std::vector<Entry> before;
     // The first of them whose d and J are one block for all, as those of a floating base; they need not have -1 before
@@ -60,6 +75,7 @@ struct Kind {
     };
     Blocks blocks;
     std::vector<Entry> beyond;
+    Followers followers;             // where there are neither direct rows nor blocks
     bool has_split_hessian = false;  // no entry of Hww couples the state with the algebraic unknowns
     bool couples_controls = false;   // Hws has entries in the controls' columns, or w_i does above
     // Of a dense step: where Hww has entries in the state's and in the algebraic unknowns' rows, Hws in any, and Hss in

@@ -134,7 +134,6 @@ Direction Riccati::solve(int refinements) {
 }
 
 Direction Riccati::solve_motion() {
-    if (barrier_.has_equations()) return solve(1);
     if (known_ == Known::nothing) throw std::logic_error("solve_motion: the last factorisation failed or is missing");
     if (known_ != Known::backward) gather_right_hand_side(), backward(rhs_);
     known_ = Known::factors;

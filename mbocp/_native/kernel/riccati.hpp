@@ -28,7 +28,7 @@ public:
     Factorisation factorise(double shift, double augment);
     Direction solve(int refinements);
     // How far limits allow to go in states and controls along the direction; in `direction` without multipliers, which
-    // take twice as long, unless the limits' equations need them.
+    // take twice as long; the limits' equations hold to their delta.
     Direction solve_motion();
     // The direction for other values of the constraints: alpha times those of the iterate, plus these.
     Direction correct(double alpha, const Numbers& c, const Numbers& g);

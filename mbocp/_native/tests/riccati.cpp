@@ -38,7 +38,10 @@ struct Shape {
     int direct = 0;
     double slope = 0.1;
     bool also_before = false;
-    int lead = 0;           // the first of these have blocks in place of diagonals, and any block before w
+    int lead = 0;  // the first of these have blocks in place of diagonals, and any block before w
+    // So many of the first rows, every other, are x0_i - w_i + slope (w_{i + 1} + last of w), and every third of their
+    // w_i is known to no other row; with other entries if `also_before`.
+    int followers = 0;
     int plain = -1;         // unless -1: the last ny rows do not know x1, and so many of the first only their own of it
     bool is_split = false;  // no curvature couples x1 with y
     bool is_apart = false;  // none couples controls with others, none knows the first state before
@@ -70,6 +73,11 @@ Quadratic random_stage(const Shape& s, const Matrix& beside, Random& random) {
         q.J.topLeftCorner(lead, lead) = random.matrix(lead, lead) + 3.0 * Matrix::Identity(lead, lead);
         q.J.block(0, s.direct, lead, lead) = s.slope * random.matrix(lead, lead);
         q.J.block(0, nc, lead, lead) = random.matrix(lead, lead);
+    }
+    for (int i = 0; i < 2 * s.followers; i += 2) {
+        if (i % 3 == 0) q.J.col(i).setZero();
+        q.J.row(i) = beside.row(i).cwiseProduct(q.J.row(i));
+        q.J(i, i) = -1.0, q.J(i, i + 1) += s.slope, q.J(i, nc - 1) += s.slope, q.J(i, nc + i) = 1.0;
     }
     for (int i = 0; i < nc && s.plain >= 0; ++i)
         if (i < s.plain || i >= n) q.J.row(i).head(n).setZero();
@@ -234,8 +242,8 @@ int check_direction(const Shape& shape, Random& random, double shift = 0.0, doub
     const int excess = int((eigenvalues.array() < 0.0).count()) - (int(K.rows()) - programme.num_primal());
     const std::string what = "N " + std::to_string(shape.N) + ", ndx " + std::to_string(shape.ndx) + ", ny " +
                              std::to_string(shape.ny) + ", nu " + std::to_string(shape.nu) + ", direct " +
-                             std::to_string(shape.direct) + ", lead " + std::to_string(shape.lead) + ", plain " +
-                             std::to_string(shape.plain);
+                             std::to_string(shape.direct) + ", lead " + std::to_string(shape.lead) + ", followers " +
+                             std::to_string(shape.followers) + ", plain " + std::to_string(shape.plain);
     const Evaluation evaluation = programme->evaluate(1.0);
     check_equal(evaluation.residual, r.norm(), 1e4 * r.norm(), what + ": residual");
     const Factorisation factorisation = programme->riccati.factorise(shift, augment);
@@ -289,6 +297,23 @@ TEST(floating_bases) {
         regular += check_direction(s, random, random.is(0.5) ? 0.5 : 0.0, random.is(0.5) ? 10.0 : 0.0) >= 0;
     }
     check(regular > 15, "matrices that are not singular");
+}
+
+// Rows that follow from others, among these, some too steep to do without pivoting.
+TEST(followers) {
+    Random random(34);
+    int regular = 0, indefinite = 0;
+    for (int trial = 0; trial < 60; ++trial) {
+        Shape s{random.integer(1, 3), random.integer(16, 22), random.integer(0, 8), random.integer(1, 10), 0};
+        s.ng = random.integer(0, std::min(s.ndx, s.nu * s.N));
+        s.followers = random.integer(8, s.ndx / 2), s.slope = random.is(0.8) ? 0.1 : 3.0;
+        s.share = random.is(0.5) ? 0.3 : 0.0, s.curvature = random.is(0.5) ? 0.1 : 4.0;
+        s.also_before = random.is(0.5), s.is_split = random.is(0.5), s.is_apart = random.is(0.5);
+        const int excess = check_direction(s, random, random.is(0.5) ? 0.5 : 0.0, random.is(0.5) ? 10.0 : 0.0);
+        regular += excess >= 0, indefinite += excess > 0;
+    }
+    const std::string counts = std::to_string(regular) + " regular, " + std::to_string(indefinite) + " indefinite";
+    check(regular > 30 && indefinite > 5, "matrices of both kinds: " + counts);
 }
 
 TEST(controls_without_pivots_of_their_own) {
