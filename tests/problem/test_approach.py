@@ -48,6 +48,18 @@ def clearance() -> Clearance:
     return problem.clearance
 
 
+def test_shapes_decide_where_spheres_of_links_overlap() -> None:
+    """With the arm stretched out, spheres of its forearm and its wrist overlap; they meet when it folds."""
+    stretched, beyond = np.zeros(6), np.array([0.0, 0.0, 0.0, 2.9, 0.0, 0.0])
+    problem = Problem.create("ur5", 1.0, 8, start={"q": stretched}, goal={"q": beyond}, self_collision=True)
+    assert problem.clearance is not None
+    found = nearest_approach(problem.clearance, np.array([0.0, 1.0]), np.array([stretched, beyond]))
+    assert found is not None
+    assert (found.link, found.other) == ("forearm_link", "wrist_2_link")
+    assert found.distance < 0.0
+    assert clearances_along(problem.clearance, np.zeros(1), stretched[None])[0] > 0.01
+
+
 def motion(seed: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
     """Times and configurations of four nodes."""
     rng = np.random.default_rng(seed)
