@@ -1,13 +1,13 @@
 """Whether a motion touches anything: coal on meshes at a thousand poses a second, and nothing of mbocp's own.
 
 Links are the shapes of the URDF, obstacles coal's primitives, or surfaces that are given. Of links all pairs
-are looked at but those of one joint, of neighbours, and what meets at the start. Pairs that balls around both
-keep apart are not looked at.
+are looked at but those of one joint, of neighbours, what a file disables, and what meets at the start. Pairs
+that balls around both keep apart are not looked at.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -57,8 +57,9 @@ class Touching:
         for made in map(_placed, problem.obstacle) if surfaces is None else surfaces:
             at = shapes.addGeometryObject(made)
             pairs += [(k, at) for k, link in enumerate(links) if link.parentJoint]
-        is_kept = clearance is not None and clearance.self_pairs is not None
-        own = _pairs_of_links(robot.model, links) if is_kept else []
+        kept = None if clearance is None else clearance.self_pairs
+        disabled = () if kept is None else map(frozenset, kept.left_out.get("disabled", ()))
+        own = [] if kept is None else _pairs_of_links(robot.model, links, set(disabled))
         centers, radii = [], []
         for shape in shapes.geometryObjects:
             shape.geometry.computeLocalAABB()
@@ -115,9 +116,17 @@ def _placed(obstacle: Obstacle) -> pin.GeometryObject:
     return pin.GeometryObject(obstacle.name, 0, obstacle.placement, obstacle.geometry)
 
 
-def _pairs_of_links(model: pin.Model, links: Sequence[pin.GeometryObject]) -> list[tuple[int, int]]:
-    """All but those that one joint moves, or that are neighbours."""
+def _pairs_of_links(
+    model: pin.Model, links: Sequence[pin.GeometryObject], disabled: Collection[frozenset[str]]
+) -> list[tuple[int, int]]:
+    """All but those that one joint moves, that are neighbours, or that are disabled."""
     joints = [link.parentJoint for link in links]
-    found = combinations(range(len(links)), 2)
+    names = [model.frames[link.parentFrame].name for link in links]
     parents = [(joint, model.parents[joint]) for joint in joints]
-    return [(a, b) for a, b in found if joints[a] not in parents[b] and joints[b] not in parents[a]]
+    return [
+        (a, b)
+        for a, b in combinations(range(len(links)), 2)
+        if joints[a] not in parents[b]
+        and joints[b] not in parents[a]
+        and frozenset((names[a], names[b])) not in disabled
+    ]

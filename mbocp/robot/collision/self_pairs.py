@@ -100,10 +100,9 @@ def _by_build(model: pin.Model, a: LinkSpheres, b: LinkSpheres, disabled: Collec
 
 
 def _overlap(gaps: Array, meet: Callable[[int], bool]) -> Array:
-    """How deep pairs of spheres may be in each other, as shapes do not meet in the default pose [m].
+    """How deep pairs of spheres are in each other where shapes do not meet, nor in the default pose [m].
 
-    As deep as in poses in which the shapes do not meet; where they do, one pair is less deep: that which so
-    keeps the fewest of the other poses out.
+    So no pose of these is kept out. Some are let in in which shapes meet: distances of shapes tell there.
 
     Parameters
     ----------
@@ -114,14 +113,9 @@ def _overlap(gaps: Array, meet: Callable[[int], bool]) -> Array:
     """
     if gaps[0].min() >= 0.0 or meet(0):
         return np.zeros(gaps.shape[1:])
-    depths = -gaps[gaps.min(axis=(1, 2)) < 0.0].reshape(-1, gaps[0].size)
-    met = np.array([meet(int(n)) for n in np.flatnonzero(gaps.min(axis=(1, 2)) < 0.0)])
-    found = depths[~met].max(axis=0)
-    for pose in depths[met]:
-        lost = (depths[~met] > pose).sum(axis=0)
-        best = int(np.where(pose > depths[0], lost, len(depths)).argmin())
-        found[best] = min(found[best], max(pose[best], depths[0, best]))
-    return np.asarray(np.maximum(found, 0.0).reshape(gaps.shape[1:]))
+    deep = np.flatnonzero(gaps.min(axis=(1, 2)) < 0.0)
+    apart = [n for n in deep if not meet(int(n))]
+    return np.asarray(np.maximum(-gaps[apart].min(axis=0), 0.0))
 
 
 class _Meeting:
