@@ -25,6 +25,7 @@ import pinocchio as pin
 
 import mbocp
 from benchmarks.machine import header
+from benchmarks.surfaces import SURFACES, surfaces_of
 from benchmarks.tables import Table, show
 from benchmarks.touching import Touching
 from mbocp._arrays import Array
@@ -61,8 +62,10 @@ _AHEAD = np.array([1.0, 0.0, 0.0])
 Place: TypeAlias = tuple[Array, Array]  # where a tool is, and where it points
 
 
-def scene(name: str, number: int, seed: int = 0) -> Problem:
-    """One problem; it depends on nothing but robot, number and seed."""
+def scene(
+    name: str, number: int, seed: int = 0, surfaces: str | None = None, folder: Path | None = None
+) -> Problem:
+    """One problem; it depends on robot, number and seed; files in a folder may stand for its obstacles."""
     rng = np.random.default_rng([seed, sorted(ROBOTS).index(name), number])
     robot = _robot(name)
     while True:
@@ -70,6 +73,9 @@ def scene(name: str, number: int, seed: int = 0) -> Problem:
         obstacles = _obstacles(rng, name, np.vstack([_spheres(robot, q) for q in (q0, q1)]))
         if obstacles is None:
             continue
+        if surfaces is not None and folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            obstacles = SURFACES[surfaces](obstacles, rng, folder)
         try:
             return Problem.create(
                 robot,
@@ -83,8 +89,8 @@ def scene(name: str, number: int, seed: int = 0) -> Problem:
                 self_collision=True,
                 scheme="se1",
             )
-        except mbocp.exceptions.ProblemError as error:  # a pose in which the robot touches itself
-            if "self_collision" not in str(error):
+        except mbocp.exceptions.ProblemError as error:  # a pose in which the robot touches itself, or a cube
+            if "self_collision" not in str(error) and surfaces != "cloud":
                 raise
 
 
@@ -230,7 +236,13 @@ def _end(
     return None
 
 
-def record_of(problem: Problem, number: int, starts: int, limit: float | None = None) -> dict[str, Any]:
+def record_of(
+    problem: Problem,
+    number: int,
+    starts: int,
+    limit: float | None = None,
+    surfaces: Sequence[pin.GeometryObject] | None = None,
+) -> dict[str, Any]:
     """What came of a scene, in so many seconds at most."""
     problem = problem.with_(solver={"method": "auto", "starts": starts})
     used, clock = time.process_time(), time.perf_counter()
@@ -242,7 +254,7 @@ def record_of(problem: Problem, number: int, starts: int, limit: float | None = 
         solution = mbocp.solve(problem, time_limit=limit)
     seconds, used = time.perf_counter() - clock, time.process_time() - used
     compiled = sum(phase.wall_time_s for phase in solution.phases if phase.name == "compile")
-    touching = Touching.of(problem)
+    touching = Touching.of(problem, surfaces)
     ends = [problem.robot.model, np.array(problem.q_start), np.array(problem.goal.q)]
     line = np.array([pin.interpolate(*ends, share) for share in np.linspace(0.0, 1.0, len(solution.t))])
     return {
@@ -367,11 +379,22 @@ def _read(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines]
 
 
+def _record(options: argparse.Namespace, name: str, number: int) -> dict[str, Any]:
+    if name in ARMS:
+        return record_of(narrow_scene(name, number, options.seed), number, options.starts, options.limit)
+    files = options.folder / f"{name}_{options.seed}_{number}"
+    problem = scene(name, number, options.seed, options.surfaces, files)
+    surfaces = None if options.surfaces is None else surfaces_of(problem.document.tables["obstacle"])
+    return record_of(problem, number, options.starts, options.limit, surfaces)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Solve what is missing, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scenes", description=__doc__)
     parser.add_argument("--count", type=int, default=250, help="scenes of each arm")
     parser.add_argument("--arm", choices=(*ROBOTS, *ARMS), action="append")
+    parser.add_argument("--surfaces", choices=SURFACES, help="files in place of spheres and boxes")
+    parser.add_argument("--first", type=int, default=0, help="number")
     parser.add_argument("--starts", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--limit", type=float, help="of each solve [s]")
@@ -381,17 +404,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     show(header())
     records = {}
     for name in options.arm or ROBOTS:
-        make = scene if name in ROBOTS else narrow_scene
-        path = options.folder / f"{name}_{options.seed}_{options.starts}.jsonl"
+        kind = "" if options.surfaces is None else f"_{options.surfaces}"
+        path = options.folder / f"{name}{kind}_{options.seed}_{options.starts}.jsonl"
         done = {one["number"] for one in _read(path)}
-        for number in sorted(set(range(options.count)) - done):
+        numbers = range(options.first, options.first + options.count)
+        for number in sorted(set(numbers) - done):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                problem = make(name, number, options.seed)
-                record = record_of(problem, number, options.starts, options.limit)
+                record = _record(options, name, number)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(record) + "\n")
-        records[name] = [one for one in _read(path) if one["number"] < options.count]
+        records[name] = [one for one in _read(path) if one["number"] in numbers]
     show(scene_table(records))
 
 

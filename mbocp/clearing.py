@@ -22,6 +22,7 @@ from mbocp.guesses.around import around, has_no_way, may_have_ways, near_the_way
 from mbocp.guesses.in_turn import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
+from mbocp.problem.between_nodes import GROSS_EXCESS
 from mbocp.problem.obstacles.approach import depths_along
 from mbocp.problem.obstacles.reserves import (
     largest_reserve,
@@ -134,9 +135,14 @@ class OtherWays:
 
 
 def _is_final(solution: Solution, job: Job) -> bool:
-    """Whether nothing else helps: a motion that touches nothing has no other fault that a way has."""
-    is_clear = solution.is_stationary and not depth_of(solution)
+    """Whether nothing else helps: what touches nothing, and does not leap past it, has no fault of a way."""
+    is_clear = solution.is_stationary and not (depth_of(solution) or _leaps(solution))
     return is_clear or solution.status.is_stopped or job.is_only or job.patience.is_over
+
+
+def _leaps(solution: Solution) -> bool:
+    """Whether a step is no motion any more, as where it leaps past what is between its nodes."""
+    return solution.status is Status.UNDER_RESOLVED and not solution.limit_excess > GROSS_EXCESS
 
 
 def depth_of(solution: Solution) -> float:

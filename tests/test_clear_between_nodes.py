@@ -329,18 +329,21 @@ def test_each_way_is_tried_briefly_before_the_first_at_length(around_a_post, mon
     assert briefs[-1] == 0
 
 
-def test_other_ways_are_for_what_touches_something(around_a_post, monkeypatch):
+@pytest.mark.parametrize(("excess", "count"), [(0.2, 1), (0.0, 4)])
+def test_other_ways_are_for_what_touches_something_or_leaps_past_it(
+    excess, count, around_a_post, monkeypatch
+):
     """A motion that is clear, but leaves its limits between nodes, would do so on another way, too."""
     problem, tried = around_a_post(30), []
 
     def coarse(self, job):
         tried.append(job)
-        return retold(solved(self, job), status=Status.UNDER_RESOLVED)
+        return retold(solved(self, job), status=Status.UNDER_RESOLVED, limit_excess=excess)
 
     solved = clearing.ClearOfObstacles.run
     monkeypatch.setattr("mbocp.clearing.ClearOfObstacles.run", coarse)
     assert mbocp.solve(problem).status is Status.UNDER_RESOLVED
-    assert len(tried) == 1
+    assert len(tried) == count
 
 
 def test_room_may_grow_in_vain_for_a_while(around_a_post, monkeypatch):

@@ -13,6 +13,7 @@ from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_control_terms
 from mbocp.problem.limits import LIMITS, Bounds, check_limits
+from mbocp.problem.obstacles.at_ends import refuse_links_in_each_other
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.path import PathConstraint, check_path
 from mbocp.problem.solver import SolverOptions
@@ -79,6 +80,9 @@ def check_inequalities(
     check_control_terms(controls, heaviest, widest, limits_along(limits, timeline.phases)["u"])
     check_limits(robot, limits_at_start, q_start, v_start, goal, of_end=limits_at_end)
     check_path(robot, path, q_start, v_start, goal, timeline)
+    for one in path:
+        if isinstance(one, Clearance):
+            refuse_links_in_each_other(one, q_start, goal)
     frames = [one for one in path if isinstance(one, PathConstraint)]
     for one in frames:
         if "acceleration" not in one.term.remembers:

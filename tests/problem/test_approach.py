@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mbocp import solve
+from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.approach import (
     clearances_along,
@@ -46,6 +47,24 @@ def clearance() -> Clearance:
     )
     assert problem.clearance is not None
     return problem.clearance
+
+
+def test_shapes_decide_where_spheres_of_links_overlap() -> None:
+    """With the arm stretched out, spheres of its forearm and its wrist overlap; they meet when it folds."""
+    stretched, beyond = np.zeros(6), np.array([0.0, 0.0, 0.0, 2.9, 0.0, 0.0])
+    problem = Problem.create("ur5", 1.0, 8, start={"q": stretched}, goal={"q": beyond}, self_collision=True)
+    assert problem.clearance is not None
+    found = nearest_approach(problem.clearance, np.array([0.0, 1.0]), np.array([stretched, beyond]))
+    assert found is not None
+    assert (found.link, found.other) == ("forearm_link", "wrist_2_link")
+    assert found.distance < 0.0
+    assert clearances_along(problem.clearance, np.zeros(1), stretched[None])[0] > 0.01
+
+
+def test_a_start_in_which_such_links_meet_is_refused() -> None:
+    start = [2.78, 2.46, 2.29, -0.07, 1.53, 2.45]
+    with pytest.raises(ProblemError, match=r"at the start base_link is .* mm inside upper_arm_link, and"):
+        Problem.create("ur5", 1.0, 8, start={"q": start}, goal={"v": 0}, self_collision=True)
 
 
 def motion(seed: int, spread: float) -> tuple[np.ndarray, np.ndarray]:

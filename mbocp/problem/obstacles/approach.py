@@ -260,7 +260,9 @@ def _bounds(
     pairs, gaps = [clearance.link_pairs[k] for k in kept], _gaps(clearance)
     left = [_gap_of(obstacle) for obstacle in clearance.obstacles]
     sticks = [gaps[a] + (left[b] if is_obstacle else gaps[b]) for a, b, is_obstacle in pairs]
-    bounds = values[kept] - np.array(sticks)[:, None]
+    overlaps = np.zeros(len(values))
+    np.maximum.at(overlaps, clearance.groups, clearance.overlaps)
+    bounds = values[kept] - (np.array(sticks) + overlaps[kept])[:, None]
     margins = clearance.margins[np.unique(clearance.groups, return_index=True)[1][kept]]
     return pairs, bounds, margins, np.inf if len(kept) == len(values) else near - _farthest(clearance)
 
@@ -269,7 +271,7 @@ def _farthest(clearance: Clearance) -> float:
     """Spheres of things that touch, or are nearer than their margin, are nearer than this, beyond it [m]."""
     gaps, lowest = _gaps(clearance), min(float(clearance.margins.min()), 0.0)
     left = map(_gap_of, clearance.obstacles)
-    return max(gaps) + max([*left, *gaps]) - lowest + _ITERATED
+    return max(gaps) + max([*left, *gaps]) + float(clearance.overlaps.max()) - lowest + _ITERATED
 
 
 def _gaps(clearance: Clearance) -> list[float]:

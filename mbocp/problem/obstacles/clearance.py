@@ -27,6 +27,7 @@ LinkPair = tuple[int, int, bool]  # a link, and an obstacle or another link; whe
 
 _OF_ALL_PAIRS = (
     *("pieces", "owners", "movers", "scene", "_frames", "planes", "_hulls", "margins", "_by_links"),
+    "overlaps",
     *("_pair_clearances", "_kinds", "_still", "_still_clearances", "_sphere_names"),
 )
 _IDLE = Label("nothing", "m")  # a row that is not needed
@@ -219,7 +220,7 @@ class Clearance(BoundedTerm):
         shapes += [PlacedShape(*sphere, axes, point) for sphere in spheres]
         pairs = [*self.pairs, *((a, first + b) for a, b in self.sphere_pairs)]
         sphere, shape = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-        kept_radii = radii[sphere] + radii_of_shapes[shape]
+        kept_radii = radii[sphere] + radii_of_shapes[shape] - self.overlaps
         table = np.column_stack([sphere, shape, kept_radii, self.margins, self.groups])
         return PairClearances(self.scene, self._frames, tuple(spheres), tuple(shapes), table)
 
@@ -258,6 +259,12 @@ class Clearance(BoundedTerm):
         """Least clearance of each pair, shape (num_pairs,) [m]."""
         of_obstacles = [self.pieces[k].margin for _, k in self.pairs]
         return np.array([*of_obstacles, *map(self._own_margin, self.sphere_pairs)], dtype=np.float64)
+
+    @cached_property
+    def overlaps(self) -> Array:
+        """How deep spheres of each pair may be in each other, as shapes are not, shape (num_pairs,) [m]."""
+        own = () if self.self_pairs is None else self.self_pairs.overlaps
+        return np.array([*[0.0] * len(self.pairs), *own])
 
     def _own_margin(self, pair: tuple[int, int]) -> float:
         """What two spheres keep from each other [m]."""

@@ -233,7 +233,8 @@ def _find_self_pairs(
             (np.array(q_upper), robot.limits.position_upper),
         )
     )
-    return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), disabled)
+    shapes = robot.collision_model
+    return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), shapes, disabled)
 
 
 def clear_configuration(

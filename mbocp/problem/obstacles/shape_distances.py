@@ -89,8 +89,8 @@ class ShapeDistances:
     def displacements(self, pair: int, here: Array, others: Array) -> Array:
         """By how much the shapes of a pair may have come nearer to each other in other poses, shape (n,) [m].
 
-        Nothing on a link moves farther than the middle of a ball around it does, and by turning what is
-        farthest from there.
+        Seen from the larger one, nothing on the other moves farther than the middle of a ball around it does,
+        and by turning what is farthest from there.
 
         Parameters
         ----------
@@ -99,13 +99,24 @@ class ShapeDistances:
             Placements of the joints, see `Clearance.joint_placements`.
         """
         link, number, is_obstacle = self._pairs[pair]
-        far = np.zeros(len(others))
-        for joint, center, radius in (self._ball(link, False), self._ball(number, is_obstacle)):
-            change = others[:, joint] - here[joint]
-            turn = np.sqrt((change[:, :, :3] ** 2).sum(axis=(1, 2)) / 2.0)  # of a point 1 m from its axis
-            far += np.linalg.norm(change[:, :, :3] @ center + change[:, :, 3], axis=1)
-            far[turn > 0.0] += radius * turn[turn > 0.0]  # a halfspace has no end
-        return far
+        one, other = self._ball(link, False), self._ball(number, is_obstacle)
+        if other[2] < one[2]:
+            one, other = other, one
+        joint, center, radius = one
+        change = _seen_from(others, other[0], joint) - _seen_from(here[None], other[0], joint)
+        turn = np.sqrt((change[:, :, :3] ** 2).sum(axis=(1, 2)) / 2.0)  # of a point 1 m from its axis
+        far = np.linalg.norm(change[:, :, :3] @ center + change[:, :, 3], axis=1)
+        far[turn > 0.0] += radius * turn[turn > 0.0]  # a halfspace has no end
+        return np.asarray(far)
+
+
+def _seen_from(placements: Array, here: int, joint: int) -> Array:
+    """Placements of a joint in the axes of another one, shape (n, 3, 4) [m]; the joint 0 is the world."""
+    if not here:
+        return np.asarray(placements[:, joint])
+    turned, at = placements[:, here, :, :3].transpose(0, 2, 1), placements[:, joint].copy()
+    at[:, :, 3] -= placements[:, here, :, 3]
+    return np.asarray(turned @ at)
 
 
 def _shapes(clearance: Clearance, number: int, is_obstacle: bool) -> list[Shape]:
