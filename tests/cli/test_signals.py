@@ -73,7 +73,8 @@ def test_a_signal_at_hundreds_of_moments(tmp_path: Path) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         for k in range(100):
             status, errors = _interrupted(number, 0.002 + 0.02 * k, tmp_path)
-            assert status in (128 + number, 0, -signal.SIGTERM), (k, errors)
+            # The last: all was done, and the interpreter gives its handlers back before it ends.
+            assert status in (128 + number, 0, -number), (k, errors)
             assert "Traceback" not in errors
             assert "ignored" not in errors
 
