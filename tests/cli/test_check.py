@@ -6,6 +6,7 @@ import json
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from mbocp.robot import load_parts, load_robot
@@ -151,11 +152,24 @@ def test_odd_limits_are_told(tmp_path):
     body = inertial(1, 0.02, 0.03, 0.04)
     for limit, words in (
         ('<limit lower="0.5" upper="1" effort="3" velocity="4"/>', "exclude zero"),
-        ('<limit lower="1" upper="0" effort="3" velocity="4"/>', "it cannot move"),
-        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "zero effort"),
+        ('<limit lower="1" upper="0" effort="3" velocity="4"/>', "each is taken for the other"),
+        ('<limit lower="1" upper="1" effort="3" velocity="4"/>', "limits.position = true does not bound it"),
+        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "limits.effort = true does not bound it"),
         ('<limit lower="-1" upper="1" velocity="4"/>', "no effort"),
     ):
         assert words in told(tmp_path, arm(body, limit))
+
+
+def test_what_is_told_of_limits_is_what_is_read(tmp_path):
+    def limits_of(limit):
+        path = tmp_path / "arm.urdf"
+        path.write_text(arm(inertial(1, 0.02, 0.03, 0.04), limit))
+        return load_robot(path).limits
+
+    turned = limits_of('<limit lower="1" upper="0" effort="0" velocity="4"/>')
+    assert (turned.position_lower.item(), turned.position_upper.item()) == (0.0, 1.0)
+    assert np.isinf(turned.effort).all()
+    assert np.isinf(limits_of('<limit lower="1" upper="1" effort="3" velocity="4"/>').position_upper).all()
 
 
 def test_limits_without_zero_are_told_where_the_start_is_not_within_them():
