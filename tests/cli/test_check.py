@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -16,6 +18,7 @@ from tests.cli.conftest import ARM
 from tests.robot.urdfs import chain, joint, link, robot
 from tests.view.pages import read_page
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 BALLS = {f"l{i}": {"mass": 1.0, "com": [0, 0, 0], "inertia": [0.01, 0.01, 0.01]} for i in range(1, 7)}
 
 
@@ -57,6 +60,11 @@ def checked(run: Any, file: Any, *words: str) -> dict[str, Any]:
     assert done.exit_code == found["exit_status"] == run("check", str(file), *words).exit_code
     assert (found["status"], bool(found["errors"])) in (("ok", False), ("error", True))
     return found
+
+
+def test_it_says_which_numbers_of_the_robot_are_found(run):
+    found = run("check", str(EXAMPLES / "design" / "gear_ratio.toml"))
+    assert re.search(r"to find .*robot\.motor\..*gear_ratio between \d+ and \d+", found.stdout)
 
 
 def test_each_mistake_has_a_place(run, tmp_path):
