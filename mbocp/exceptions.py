@@ -19,6 +19,8 @@ from mbocp._text import MAX_MESSAGE, shorten, show
 def suggest(name: str, valid: Iterable[str], limit: int = 12) -> str:
     """Return "did you mean ...?" for a near miss in whatever case, else the (shortened) valid names."""
     names = list(valid)
+    if not names:
+        return "there is none"
     folded = {one.casefold(): one for one in reversed(names)}
     close = [folded[one] for one in difflib.get_close_matches(name.casefold(), folded, n=3)]
     if close:

@@ -86,6 +86,9 @@ class Motions:
     def __len__(self) -> int:
         return len(self.statuses)
 
+    def __repr__(self) -> str:
+        return f"<Motions of {self.problem.name}: {int(self.converged.sum())} of {len(self)} converged>"
+
     @property
     def converged(self) -> BoolArray:
         """Which problems are solved, shape (K,)."""

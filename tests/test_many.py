@@ -51,6 +51,11 @@ def test_starts_with_velocities_and_weights() -> None:
     agree(motions)
 
 
+def test_it_prints_in_one_line() -> None:
+    goals = np.tile(arm().goal.q, (2, 1))
+    assert repr(mbocp.solve_many(arm(), goals=goals)) == "<Motions of ur5_reach: 2 of 2 converged>"
+
+
 def test_one_weight_for_the_velocities_of_all_joints() -> None:
     motions = mbocp.solve_many(arm(), weights={"velocity": [50.0, 200.0]})
     np.testing.assert_array_equal(motions.problem_at(1).cost.velocity, np.full(6, 200.0))

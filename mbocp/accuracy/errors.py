@@ -95,7 +95,9 @@ def accuracy_of(
     tracked = _track(course, motion, starts, parts, halvings, gains)
     vs = np.vstack([starts[:1], reached])
     energies = flow.energies(qs, vs)
-    made = np.cumsum(energies[1:] - flow.energies(ends, _velocities(robot, ends, end_speeds, us)))
+    ended = _velocities(robot, qs[1:], _speeds(robot, qs[1:], reached), us)  # controls may leap at nodes
+    after = flow.energies(ends, _velocities(robot, ends, end_speeds, us))
+    made = np.cumsum(flow.energies(qs[1:], ended) - after)
     kinetic = energies - flow.energies(qs, np.zeros_like(vs))
     return Accuracy(
         local_error=float(errors.max()),

@@ -114,8 +114,14 @@ class _Search:
             if following is None:
                 break
             mesh, start = following
-            if 2 * mesh.num_steps > MOST_STEPS or self.job.is_late:
+            if 2 * mesh.num_steps > MOST_STEPS or self._is_too_late_for(mesh, pair[-1]):
                 break
+
+    def _is_too_late_for(self, mesh: Mesh, last: Solution) -> bool:
+        """Whether two solves take longer than there is time, at half of what a step of the last took."""
+        taken = sum(phase.wall_time_s for phase in last.phases if phase.name != "compile")
+        left = self.job.deadline - time.perf_counter()
+        return left < 0.5 * taken * 3 * mesh.num_steps / last.num_steps
 
     def interrupt(self) -> None:
         """End with the last round."""

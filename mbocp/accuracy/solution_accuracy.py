@@ -9,7 +9,7 @@ import numpy as np
 from mbocp.accuracy.errors import accuracy_of
 from mbocp.exceptions import CompilationTimeout
 from mbocp.formulation import Motion
-from mbocp.formulation.wrong_steps import WRONG_STEP, words_of_wrong_step
+from mbocp.formulation.wrong_steps import TOLD_STEP, WRONG_STEP, tells_wrong_step, words_of_wrong_step
 from mbocp.problem import Problem
 from mbocp.solution import Accuracy, Phase, Solution
 from mbocp.solution.later import retold
@@ -34,7 +34,10 @@ def motion_of(solution: Solution) -> Motion:
 
 
 def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solution:
-    """The solution with the errors of its motion; as it is without a motion or time, or with free feet."""
+    """The solution with the errors of its motion; as it is without a motion or time, or with free feet.
+
+    Ctrl-C leaves the solution, `interrupted`.
+    """
     table = problem.timeline.switches
     if not solution.is_stationary or (table is not None and table.free_feet):
         return solution
@@ -50,6 +53,9 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
         )
     except CompilationTimeout:
         return solution
+    except KeyboardInterrupt:
+        words = f"interrupted before its accuracy was known; {solution.advice}"
+        return retold(solution, status=Status.INTERRUPTED, advice=words)
     spent = time.perf_counter() - begun
     phases = (*solution.phases, Phase("accuracy", 0, spent))
     status, advice = _judge(problem, solution, found)
@@ -62,8 +68,10 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
 def _judge(problem: Problem, solution: Solution, found: Accuracy) -> tuple[Status, str]:
     """Status and advice of a motion whose steps are known to be wrong by so much."""
     turns = {label.name for label in problem.robot.move_labels if label.unit == "rad"}
-    is_wrong = found.local_error > WRONG_STEP and found.local_joint in turns
-    if not (is_wrong and solution.converged):
-        return solution.status, solution.advice
     words = words_of_wrong_step(found.local_error, found.local_joint, found.local_time)
+    if not (found.local_error > TOLD_STEP and found.local_joint in turns):
+        return solution.status, solution.advice
+    if not (found.local_error > WRONG_STEP and solution.converged):
+        is_told = tells_wrong_step(solution.advice)
+        return solution.status, solution.advice if is_told else f"{solution.advice}; {words}"
     return Status.UNDER_RESOLVED, f"{words}; the optimality conditions hold: {solution.advice}"

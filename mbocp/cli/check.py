@@ -167,6 +167,9 @@ def _others(problem: Problem) -> _Rows:
         "obstacles": ", ".join(f"{o.name} ({o.shape})" for o in problem.obstacle),
         "kept apart": "\n".join(clearance_lines(problem.clearance)),
         "phases": ", ".join(phase.name for phase in problem.phase),
+        "to find": "\n".join(
+            f"{one.name} between {one.lower:g} and {one.upper:g} {one.unit}" for one in problem.parameter
+        ),
     }
     return [(name, said) for name, said in words.items() if said]
 

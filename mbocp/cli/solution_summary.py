@@ -13,7 +13,7 @@ from rich.text import Text
 from mbocp.cli.clearance_words import clearance_lines
 from mbocp.cli.console import count, output, plain_table
 from mbocp.cli.limit_rows import limit_rows
-from mbocp.cli.summary_words import accuracy_words, coarse_words
+from mbocp.cli.summary_words import accuracy_words, coarse_words, work_words
 from mbocp.integrators.schemes import SCHEMES
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("solver", f"{solution.solver}, {solution.unknowns} unknowns"),
         ("status", verdict),
         ("cost", f"{solution.cost:.10g}"),
-        ("work", _work(solution)),
+        ("work", work_words(solution)),
         ("energy", _drawn(solution)),
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {_increment(solution)}"),
@@ -132,12 +132,6 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
 
 def _increment(solution: Solution) -> str:
     return "-" if math.isnan(solution.increment) else f"{solution.increment:.2e}"
-
-
-def _work(solution: Solution) -> str:
-    if math.isnan(solution.positive_work):
-        return ""
-    return f"{solution.positive_work:.4g} J by the controls, braking left out"
 
 
 def _drawn(solution: Solution) -> str:

@@ -12,6 +12,8 @@ from rich.text import Text
 if TYPE_CHECKING:
     from mbocp.solution import Accuracy, Solution
 
+_KNOWN_WORK = 0.05  # part of a work: energy that steps make beside it, of which nothing is said
+
 
 def coarse_words(solution: Solution) -> Text:
     """What has to be known before everything else: that the steps are too long for the motion."""
@@ -39,6 +41,20 @@ def _percent(share: float) -> str:
     return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
 
 
+def work_words(solution: Solution) -> str:
+    """Work of the controls, and what the steps make beside it, where that is much."""
+    if math.isnan(solution.positive_work):
+        return ""
+    words = f"{solution.positive_work:.4g} J by the controls, braking left out"
+    made = solution.accuracy.made_energy
+    is_known = not abs(made) > _KNOWN_WORK * solution.positive_work
+    return words if is_known else f"{words}; {_made(made)} beside it"
+
+
+def _made(energy: float) -> str:
+    return f"the steps {'make' if energy > 0.0 else 'lose'} {abs(energy):.2g} J"
+
+
 def accuracy_words(solution: Solution) -> str:
     """Errors of single steps, of their sum, and of a replay."""
     found = solution.accuracy
@@ -61,8 +77,7 @@ def accuracy_words(solution: Solution) -> str:
         f"{found.local_time:.4g} s{of_way}",
         f"the controls alone, without feedback, miss the end by {missed}",
         *_feedback(found, size),
-        f"the steps {'make' if found.made_energy > 0.0 else 'lose'} {abs(found.made_energy):.2g} J of "
-        f"{found.energy_range:.3g} J",
+        f"{_made(found.made_energy)} of {found.energy_range:.3g} J",
     ]
     return "\n".join(lines)
 

@@ -123,6 +123,11 @@ class Identification:
     dynamics: InverseDynamics
     unknowns: Unknowns
 
+    def __repr__(self) -> str:
+        found = zip(self.labels, self.values, self.sd, strict=True)
+        rows = [f"{label.name}  {value:.4g} +- {1.96 * sd:.2g} {label.unit}" for label, value, sd in found]
+        return "\n".join([f"<Identification of {self.robot.name}: {len(self.values)} parameters>", *rows])
+
     @property
     def bodies(self) -> tuple[tuple[UnknownBody, pin.Inertia], ...]:
         """Bodies that were unknown, and what they are now: mass, centre of mass, inertia about it."""

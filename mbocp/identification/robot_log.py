@@ -69,6 +69,9 @@ class Log:
     joints: Mapping[str, Mapping[str, Array]]
     source: str = "log"
 
+    def __repr__(self) -> str:
+        return f"<Log {self.source}: {len(self.t)} samples of {', '.join(self.joints)}>"
+
     def __post_init__(self) -> None:
         where = f"{self.source}: t"
         t = frozen_array(self.t, shape=(None,), name=where)

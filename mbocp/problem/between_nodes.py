@@ -12,15 +12,11 @@ along the flow of the robot itself, as far as it is an open chain: those that ma
 their cubics, and by what these are wrong by, a fourth of the step times their accelerations' errors at most.
 Damping may stop a light joint within a small part of a step: the flow takes its decay exactly. Accelerations
 at the nodes say nothing then of the step between: where they made the cubic, the flow alone counts.
-
-References
-----------
-Cox, Matthews, "Exponential time differencing for stiff systems", 2002, Eqs. (26) to (29).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import chain
 
@@ -40,7 +36,8 @@ from mbocp.problem.paths_between_nodes import (
 from mbocp.problem.problem import Problem
 from mbocp.problem.speed_lines import kind_of, over_speed, speed_lines, steps_held
 from mbocp.problem.step_cubics import StepCubics, move_along
-from mbocp.robot import Label, Robot
+from mbocp.problem.step_flow import StepFlow
+from mbocp.robot import Label
 from mbocp.terms.rates import RATE_TERMS
 
 PATH = "path constraint"
@@ -55,8 +52,6 @@ _PARTS_OF_PATHS = 8  # of a step, between which path constraints are
 _COARSE = 0.01  # of a limit: speeds that leave it by more are those of steps that cubics do not follow well
 _FOLLOWED = 8  # steps
 _PARTS = 16  # that a step is followed in
-_CHANGE = 1e-4  # [rad/s] of a speed, for the slope of accelerations
-_TERMS = 15  # that have the exponential of a matrix of a norm below a half, to round-off
 
 Sides = tuple[Array, Array]
 
@@ -250,7 +245,7 @@ class _Steps:
         )
         largest = np.max([ratios.max(axis=1) for _, ratios in of_cubics.ratios()], axis=0)
         is_coarse = largest > _COARSE
-        if not (is_coarse.any() or self.problem.limits_within) or not _is_open(self.problem):
+        if not (is_coarse.any() or self.problem.limits_within) or not is_open(self.problem):
             yield of_cubics
             return
         followed = np.argsort(-self._nearest(sides))[: max(_FOLLOWED, np.count_nonzero(is_coarse))]
@@ -265,12 +260,10 @@ class _Steps:
     def _follow_speeds(self, chosen: IntArray, within: Sides) -> Iterator[_Look]:
         """Along the flow of the robot in some steps."""
         robot, cubics = self.problem.robot, self.cubics
-        qs, vs, begins = self.begins[chosen], cubics.v0[chosen], cubics.begins[chosen]
-        lengths = cubics.lengths[chosen]
-        flow = _Flow.of(robot, qs, vs, self._controls(0.0)[chosen], lengths / _PARTS)
-        controls = [self._controls(k / (2 * _PARTS))[chosen] for k in range(2 * _PARTS + 1)]
-        for k in range(_PARTS):
-            qs, vs = flow.step(qs, vs, controls[2 * k : 2 * k + 3])
+        begins, lengths = cubics.begins[chosen], cubics.lengths[chosen]
+        start = self.begins[chosen], cubics.v0[chosen]
+        states = StepFlow.states(robot, start, lambda share: self._controls(share)[chosen], lengths, _PARTS)
+        for k, (_, vs) in enumerate(states):
             times = np.broadcast_to(begins + lengths * (k + 1) / _PARTS, vs.shape)
             yield _Look("speed", vs, times, within, robot.v_labels)
 
@@ -370,91 +363,9 @@ class _Steps:
         return np.einsum("k,nku->nu", control_basis(self.shares, [s])[0], self.us)
 
 
-def _is_open(problem: Problem) -> bool:
+def is_open(problem: Problem) -> bool:
     """Whether accelerations follow from forces alone."""
     return not (problem.robot.nc or problem.robot.drives or problem.timeline.switches)
-
-
-@dataclass(frozen=True, eq=False)
-class _Flow:
-    r"""Steps along the flow of a robot, v' = L v + N(q, v, u), of which the decay L is taken exactly.
-
-    Without decay they are those of the classical Runge-Kutta method of fourth order.
-
-    Attributes
-    ----------
-    robot : Robot
-    slopes : ndarray, shape (n, nv, nv)
-        L, of each row [1/s].
-    lengths : ndarray, shape (n, 1)
-        h [s].
-    whole, half : tuple of ndarray, shape (n, nv, nv)
-        exp(hL), phi_1(hL), phi_2(hL) and phi_3(hL), and those of h/2.
-    """
-
-    robot: Robot
-    slopes: Array
-    lengths: Array
-    whole: tuple[Array, ...]
-    half: tuple[Array, ...]
-
-    @classmethod
-    def of(cls, robot: Robot, qs: Array, vs: Array, us: Array, lengths: Array) -> _Flow:
-        """With the slopes of accelerations at some states, row by row."""
-        rest = accelerations(robot, qs, vs, us)
-        changed = [accelerations(robot, qs, vs + change, us) for change in _CHANGE * np.eye(robot.nv)]
-        slopes, h = (np.stack(changed, axis=-1) - rest[..., None]) / _CHANGE, lengths[..., None]
-        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
-        return cls(robot, slopes, lengths, _exponentials(h * slopes), _exponentials(h / 2.0 * slopes))
-
-    def step(self, qs: Array, vs: Array, us: Sequence[Array]) -> tuple[Array, Array]:
-        """States, row by row, after a step under controls at its begin, middle and end."""
-        h, (e, p1, p2, p3), (e_half, p_half, *_) = self.lengths, self.whole, self.half
-        n1 = self._rest(qs, vs, us[0])
-        v2 = _times(e_half, vs) + h / 2.0 * _times(p_half, n1)
-        n2 = self._rest(self._move(qs, h / 2.0 * vs), v2, us[1])
-        v3 = _times(e_half, vs) + h / 2.0 * _times(p_half, n2)
-        n3 = self._rest(self._move(qs, h / 2.0 * v2), v3, us[1])
-        v4 = _times(e_half, v2) + h / 2.0 * _times(p_half, 2.0 * n3 - n1)
-        n4 = self._rest(self._move(qs, h * v3), v4, us[2])
-        ends = _times(p1 - 3.0 * p2 + 4.0 * p3, n1) + _times(4.0 * p3 - p2, n4)
-        after = _times(e, vs) + h * (ends + _times(2.0 * p2 - 4.0 * p3, n2 + n3))
-        return self._move(qs, h / 6.0 * (vs + 2.0 * v2 + 2.0 * v3 + v4)), after
-
-    def _rest(self, qs: Array, vs: Array, us: Array) -> Array:
-        return accelerations(self.robot, qs, vs, us) - _times(self.slopes, vs)
-
-    def _move(self, qs: Array, ways: Array) -> Array:
-        if self.robot.is_vector_space:
-            return qs + ways
-        is_known = np.isfinite(np.hstack([qs, ways])).all(axis=1)  # steps that are too long overflow
-        moved = np.full_like(qs, np.nan)
-        for k in np.flatnonzero(is_known):
-            moved[k] = self.robot.integrate(qs[k], ways[k])
-        return moved
-
-
-def _exponentials(matrices: Array) -> tuple[Array, ...]:
-    """exp, phi_1, phi_2 and phi_3 of some matrices: the first row of the exponential of a block matrix.
-
-    By scaling and squaring; SciPy's, which is as accurate, is slow to import.
-    """
-    n, nv, _ = matrices.shape
-    blocks = np.zeros((n, 4 * nv, 4 * nv))
-    blocks[:, :nv, :nv] = matrices
-    blocks += np.eye(4 * nv, k=nv)
-    halvings = 1 + int(np.frexp(np.abs(blocks).sum(axis=-1).max(initial=1.0))[1])
-    scaled, one = blocks / 2.0**halvings, np.eye(4 * nv)
-    found = one + scaled / _TERMS
-    for k in range(_TERMS - 1, 0, -1):
-        found = one + scaled @ found / k
-    for _ in range(halvings):
-        found = found @ found
-    return tuple(np.split(found[:, :nv], 4, axis=-1))
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    return np.einsum("nij,nj->ni", matrices, vectors)
 
 
 def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, us: Array) -> StepCubics:
@@ -465,7 +376,7 @@ def _cubics(problem: Problem, steps: IntArray, t: Array, qs: Array, vs: Array, u
     and accelerations at both ends: (v_0 + v_1) / 2 + h (a_0 - a_1) / 12.
     """
     cubics = StepCubics.through(problem.robot, t, qs, vs)
-    if SCHEMES[problem.scheme].order != 2 or not _is_open(problem):
+    if SCHEMES[problem.scheme].order != 2 or not is_open(problem):
         return cubics
     ends = [accelerations(problem.robot, qs[n], vs[n], us[:, 0]) for n in (steps, steps + 1)]
     means = (vs[steps] + vs[steps + 1]) / 2.0 + cubics.lengths * (ends[0] - ends[1]) / 12.0

@@ -172,7 +172,8 @@ class Problem(ProblemData):
             Fields of this class, or words of `create`: of a table only the keys that are given change
             (``cost={"velocity": 1.0}``), `guess`, `via` and `path` are replaced as a whole, so are `limits`
             that give a `profile`, whose rows of `path` come and go with it. A `frame` takes the place of a
-            `q` of the goal that gives every joint.
+            `q` of the goal that gives every joint. A `cost` where there was none is as a file writes it:
+            velocities have no weight unless it gives one.
 
         Raises
         ------
@@ -180,7 +181,10 @@ class Problem(ProblemData):
             If there is no such field or word, or a value is of the wrong kind.
         """
         written = partial(write_tables, self)
-        document, has_tables = change_document(self.document, changes, self.timeline, written, self.path)
+        said = self.draft or read_document(self.document, None)
+        names = [row.name for row in said["path_of_others"]]
+        paths = said["own_path"], [row for row in self.path if row.name in names]
+        document, has_tables = change_document(self.document, changes, self.timeline, written, paths)
         with in_file(document.label) if has_tables else nullcontext():
             return type(self).of(document, self)
 

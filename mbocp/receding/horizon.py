@@ -68,6 +68,9 @@ class HorizonStep:
     us: Array
     gains: Array
 
+    def __repr__(self) -> str:
+        return f"<HorizonStep {self.status.state}: {self.status}>"
+
 
 class RecedingHorizon:
     """An optimal control problem that is solved again and again, from wherever the robot is.

@@ -132,7 +132,9 @@ def write_horizon(
             shutil.copyfile(source, part)
             part.replace(folder / name)  # what a program has open stays as it was
         lines = [_line(name, np.asarray(values, dtype=np.float64)) for name, values in table.items()]
-        (folder / _NUMBERS).write_text("\n".join(lines) + "\n", encoding="ascii")
+        part = folder / f".{_NUMBERS}"
+        part.write_text("\n".join(lines) + "\n", encoding="ascii")
+        part.replace(folder / _NUMBERS)
     except OSError as error:
         raise ResultFileError(folder, f"cannot be written: {error}") from error
     return folder

@@ -239,7 +239,7 @@ def _force_on_a(force: QuarticSpring | SpringDamper, d: Array, d_rate: Array) ->
         out = -force.stiffness * d - force.damping * d_rate
     else:
         distance = np.linalg.norm(d)
-        axis = d / distance
+        axis = d / distance if distance > 0.0 else d  # ends that meet: a force without direction
         out = -(force.stiffness * (distance - force.length) + force.damping * (axis @ d_rate)) * axis
     return out
 

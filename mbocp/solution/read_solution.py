@@ -112,16 +112,19 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         judged = replace(formulation, problem=_with_limits_of(problem, asked))
         status, advice, excess = judge(judged, motion, t, result.status, result.advice)
         status, advice = _above_ground(formulation, result.iterate, motion, status, advice)
-    gains = np.zeros((0, 0, 0))
-    if with_gains and result.status.is_stationary:
-        with time_phase(phases, "gains"):
-            gains = feedback_gains(formulation, result.iterate)
-    clearance = asked.clearance
-    if clearance is not None:
-        with time_phase(phases, "clearance"):
-            if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE, motion.vs):
-                approach = nearest_approach(clearance, t, motion.qs, motion.vs)
-        status, advice = _tell_contact(approach, status, advice)
+    gains, clearance = np.zeros((0, 0, 0)), asked.clearance
+    try:
+        if with_gains and result.status.is_stationary:
+            with time_phase(phases, "gains"):
+                gains = feedback_gains(formulation, result.iterate)
+        if clearance is not None:
+            with time_phase(phases, "clearance"):
+                if not keeps_clear(clearance, t, motion.qs, BOUND_TOLERANCE, motion.vs):
+                    approach = nearest_approach(clearance, t, motion.qs, motion.vs)
+            status, advice = _tell_contact(approach, status, advice)
+    except KeyboardInterrupt:
+        words = "interrupted before its gains or clearance were known"
+        status, advice = Status.INTERRUPTED, f"{words}; {advice}"
     stored = problem.robot.stored
     now = {
         "status": status,

@@ -131,6 +131,12 @@ class _SpeedBounds(PathTerm):
     has_velocity = True
     measure = SQUARE  # smooth at zero
 
+    @classmethod
+    def check(cls, given: PathNumbers, key: str) -> None:
+        """Refuse a magnitude below zero."""
+        if cls.of(given).measures == (SQUARE,) and given.upper[0] < 0.0:
+            raise InvalidValue(f"{key}: max", float(given.upper[0]), "a speed, which is not below 0")
+
 
 @dataclass(frozen=True)
 class Speed(_SpeedBounds):
@@ -172,7 +178,8 @@ class Speed(_SpeedBounds):
 
     @classmethod
     def check(cls, given: PathNumbers, key: str) -> None:
-        """Refuse a vector without a direction."""
+        """Refuse a vector without a direction, and a magnitude below zero."""
+        super().check(given, key)
         along = given.number("direction") if cls.of(given).is_along else np.ones(3)
         if not (np.isfinite(along).all() and along.any()):
             raise InvalidValue(f"{key}: direction", along.tolist(), "a direction")

@@ -75,6 +75,14 @@ def test_made_energy_is_what_work_and_energy_differ_by() -> None:
     assert solution.accuracy.made_energy == pytest.approx(made[np.abs(made).argmax()], rel=1e-4)
 
 
+def test_steps_make_no_energy_where_prescribed_velocities_leap() -> None:
+    """Of fourth order: a drive goes on with another speed at each node, whatever the steps do."""
+    unicycle = mbocp.load_problem(EXAMPLES / "so3" / "unicycle_pendulum.toml").with_(scheme="rk4")
+    coarse, fine = (solved(unicycle.with_(num_steps=steps)).accuracy for steps in (50, 100))
+    assert abs(fine.made_energy) < 1e-4 * fine.energy_range
+    assert abs(fine.made_energy) < 0.1 * abs(coarse.made_energy)
+
+
 def test_a_replay_tells_what_the_local_errors_come_to() -> None:
     """Of second order where the scheme is."""
     coarse, fine = (solved(swing("midpoint", steps)).accuracy for steps in (60, 120))
@@ -194,8 +202,12 @@ def test_the_summary_tells_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert said.splitlines()[1].startswith("coarse")
     assert "a step is wrong by" in said
     assert "the steps make" in said or "the steps lose" in said
+    beside = r"work .* J by the controls, braking left out; the steps \w+ .* J beside it"
+    assert re.search(beside, " ".join(said.split()))
     print_summary(mbocp.solve(problem), problem)
     assert "a step is wrong by" not in capsys.readouterr().out
+    print_summary(solved(swing("gauss2", 60)), problem)
+    assert "braking left out\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("left_over", "expected"), [(0.3, 0.5), (1e3, math.inf)])
@@ -236,6 +248,23 @@ def test_other_controls_than_those_of_the_motion_are_no_motion() -> None:
     told = with_accuracy(problem, retold(found, us=found.us + 50.0), never)
     assert told.status == "under_resolved"
     assert re.match(r"the step to t = .* is wrong by .* rad at joint", told.advice)
+    told = with_accuracy(problem, retold(found, us=found.us + 0.3), never)
+    assert 0.1 < told.accuracy.local_error < 0.4
+    assert told.converged
+    assert told.advice.startswith(f"{found.advice}; the step to t = ")
+
+
+@pytest.mark.parametrize(("scheme", "steps"), [("lobatto2", 8), ("heun", 9)])
+def test_a_wrong_step_of_any_order_is_told(scheme: str, steps: int) -> None:
+    """By the flow of the longest steps; status and words are those of order one."""
+    problem = swing(scheme, steps, goal={"q": [2.2, -1.5], "v": 0}, cost={"effort": 1.0})
+    found = mbocp.solve(problem)
+    told = re.search(r"the step to t = .* s is wrong by ([\d.]+) rad at joint", found.advice)
+    exact = mbocp.solve(problem, accuracy=True)
+    assert told
+    assert float(told[1]) == pytest.approx(exact.accuracy.local_error, rel=0.05)
+    assert exact.advice.count("the step to t = ") == 1
+    assert "is wrong by" not in mbocp.solve(problem.with_(num_steps=60)).advice
 
 
 def test_velocities_tell_what_a_step_of_order_one_is_wrong_by() -> None:

@@ -13,11 +13,17 @@ import pytest
 from typer.testing import CliRunner
 
 import mbocp
+from mbocp.accuracy.mesh import first_mesh
+from mbocp.accuracy.refining import _Search
 from mbocp.cli.app import app
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.formulation import formulate
+from mbocp.job import Job
 from mbocp.problem.file.load import parse_problem
 from mbocp.problem.file.tables import problem_to_toml
+from mbocp.solution import Phase
+from mbocp.solution.later import retold
+from mbocp.strategies import OneSolve
 from tests.phases.test_holds import hits
 from tests.phases.test_partings import thrown
 
@@ -117,6 +123,18 @@ def test_no_round_begins_after_the_time_limit() -> None:
     assert not s.converged
 
 
+def test_no_round_begins_that_would_not_end_in_time() -> None:
+    """Twenty steps took a second beside compiling: twice two hundred take some thirty."""
+    case = problem("elastic_pendulum", accuracy=1e-6)
+    last = mbocp.solve(case.with_(accuracy=None, num_steps=20))
+    last = retold(last, phases=(Phase("compile", 0, 50.0), Phase("monolithic", 5, 1.0)))
+    mesh = first_mesh(last.problem).even(10)
+    assert mesh.num_steps == 200
+    for limit, is_late in ((10.0, True), (60.0, False)):
+        search = _Search(Job.of(case, time_limit=limit), OneSolve())
+        assert search._is_too_late_for(mesh, last) is is_late
+
+
 def test_a_motion_that_was_found_is_kept_where_the_finer_one_is_stopped() -> None:
     case = problem("elastic_pendulum", accuracy=1e-6, scheme="se1")
     first = list[int]()
@@ -148,6 +166,20 @@ def test_ctrl_c_after_a_round_leaves_that_round() -> None:
     assert s.residual < 1e-6
     told = f"{s.num_steps} steps, one is wrong by {s.accuracy.local_error:.2g} at most, "
     assert rounds[1] == f"round 2: {told}the cost by {s.accuracy.cost_error:.2g} of it"
+
+
+@pytest.mark.parametrize("asked", [None, 1e-2])
+def test_ctrl_c_while_the_accuracy_is_worked_out_leaves_the_motion(
+    asked: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mbocp.accuracy.solution_accuracy.accuracy_of", stop)
+    s = mbocp.solve(problem("elastic_pendulum", accuracy=asked), accuracy=True)
+    assert s.status == "interrupted"
+    assert s.advice.startswith("interrupted before its accuracy was known; a strict local minimum")
+    assert s.residual < 1e-6
 
 
 def test_ctrl_c_before_the_first_round_is_told_leaves_its_motion(monkeypatch: pytest.MonkeyPatch) -> None:

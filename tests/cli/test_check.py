@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from mbocp.robot import load_parts, load_robot
@@ -15,6 +18,7 @@ from tests.cli.conftest import ARM
 from tests.robot.urdfs import chain, joint, link, robot
 from tests.view.pages import read_page
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 BALLS = {f"l{i}": {"mass": 1.0, "com": [0, 0, 0], "inertia": [0.01, 0.01, 0.01]} for i in range(1, 7)}
 
 
@@ -56,6 +60,11 @@ def checked(run: Any, file: Any, *words: str) -> dict[str, Any]:
     assert done.exit_code == found["exit_status"] == run("check", str(file), *words).exit_code
     assert (found["status"], bool(found["errors"])) in (("ok", False), ("error", True))
     return found
+
+
+def test_it_says_which_numbers_of_the_robot_are_found(run):
+    found = run("check", str(EXAMPLES / "design" / "gear_ratio.toml"))
+    assert re.search(r"to find .*robot\.motor\..*gear_ratio between \d+ and \d+", found.stdout)
 
 
 def test_each_mistake_has_a_place(run, tmp_path):
@@ -151,11 +160,24 @@ def test_odd_limits_are_told(tmp_path):
     body = inertial(1, 0.02, 0.03, 0.04)
     for limit, words in (
         ('<limit lower="0.5" upper="1" effort="3" velocity="4"/>', "exclude zero"),
-        ('<limit lower="1" upper="0" effort="3" velocity="4"/>', "it cannot move"),
-        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "zero effort"),
+        ('<limit lower="1" upper="0" effort="3" velocity="4"/>', "each is taken for the other"),
+        ('<limit lower="1" upper="1" effort="3" velocity="4"/>', "limits.position = true does not bound it"),
+        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "limits.effort = true does not bound it"),
         ('<limit lower="-1" upper="1" velocity="4"/>', "no effort"),
     ):
         assert words in told(tmp_path, arm(body, limit))
+
+
+def test_what_is_told_of_limits_is_what_is_read(tmp_path):
+    def limits_of(limit):
+        path = tmp_path / "arm.urdf"
+        path.write_text(arm(inertial(1, 0.02, 0.03, 0.04), limit))
+        return load_robot(path).limits
+
+    turned = limits_of('<limit lower="1" upper="0" effort="0" velocity="4"/>')
+    assert (turned.position_lower.item(), turned.position_upper.item()) == (0.0, 1.0)
+    assert np.isinf(turned.effort).all()
+    assert np.isinf(limits_of('<limit lower="1" upper="1" effort="3" velocity="4"/>').position_upper).all()
 
 
 def test_limits_without_zero_are_told_where_the_start_is_not_within_them():

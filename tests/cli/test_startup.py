@@ -97,7 +97,7 @@ def test_a_solve_needs_neither_scipy_nor_files() -> None:
 
 
 def test_speeds_are_followed_between_nodes_without_scipy() -> None:
-    code = "import numpy as np, mbocp.problem.between_nodes as looks\nlooks._exponentials(np.eye(2)[None])"
+    code = "import numpy as np, mbocp.problem.step_flow as looks\nlooks.exponentials(np.eye(2)[None])"
     assert not heavy(code) & NEVER
 
 

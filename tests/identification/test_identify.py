@@ -72,6 +72,12 @@ def test_samples_held_out_are_explained(found):
     assert not found.messages
 
 
+def test_it_prints_as_a_row_for_each_parameter(found):
+    title, *rows = repr(found).split("\n")
+    assert title == f"<Identification of ur5: {len(found.values)} parameters>"
+    assert [row.split()[0] for row in rows] == [label.name for label in found.labels]
+
+
 def test_bodies_are_real(found):
     for _, body in found.bodies:
         assert np.linalg.eigvalsh(pseudo_inertia(body.toDynamicParameters())).min() > 0.0

@@ -20,7 +20,7 @@ from mbocp.accuracy.solution_accuracy import motion_of
 from mbocp.cli.app import app
 from mbocp.formulation import Motion, formulate
 from mbocp.job import Job
-from mbocp.problem import Problem, between_nodes
+from mbocp.problem import Problem, between_nodes, step_flow
 from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, can_hold_within, largest_excess
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.solution import Status
@@ -464,7 +464,7 @@ def test_exponentials_are_those_of_scipy(size: float) -> None:
     matrices = -size * root @ root.transpose(0, 2, 1)
     blocks = np.kron(np.eye(4, k=1), np.eye(4)) + np.pad(matrices, ((0, 0), (0, 12), (0, 12)))
     expected = np.split(expm(blocks)[:, :4], 4, axis=-1)
-    for found, wanted in zip(between_nodes._exponentials(matrices), expected, strict=True):
+    for found, wanted in zip(step_flow.exponentials(matrices), expected, strict=True):
         np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-10 * np.abs(wanted).max())
 
 

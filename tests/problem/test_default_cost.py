@@ -59,6 +59,7 @@ def test_the_weight_is_a_tenth_of_force_times_duration_squared():
 @pytest.mark.parametrize("cost", [{}, {"effort": 1.0}, {"effort": 2.0, "control_rate": 1e-3}])
 def test_a_cost_that_is_written_means_what_it_says(cost):
     assert not arm(cost=cost).cost.velocity.any()
+    assert not arm().with_(cost=cost).cost.velocity.any()
 
 
 def test_heavier_robots_move_alike(tmp_path):

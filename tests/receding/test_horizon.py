@@ -58,6 +58,7 @@ def test_a_state_that_stays_leads_to_its_optimum(problem, seed):
         if found.status.state == "converged":
             break
     assert found.status.state == "converged"
+    assert repr(found) == f"<HorizonStep converged: {found.status.words}>"
     cost = replace(problem.cost, target_q=goal)
     cold = mbocp.solve(
         problem.with_(q_start=q, v_start=v, cost=cost, goal=replace(problem.goal, q=goal)), check=True

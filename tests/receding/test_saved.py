@@ -183,3 +183,18 @@ def test_a_folder_that_cannot_be_written_is_told(problem, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(ResultFileError, match="cannot be written"):
         RecedingHorizon(problem).save(tmp_path / "file")
+
+
+def test_a_save_that_fails_leaves_the_numbers_of_before(problem, tmp_path, monkeypatch):
+    horizon = RecedingHorizon(problem)
+    before = {file.name: file.read_bytes() for file in horizon.save(tmp_path).iterdir()}
+
+    def fill_the_disk(path: Path, text: str, **options: str) -> None:
+        path.write_bytes(text[: len(text) // 2].encode())
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", fill_the_disk)
+    with pytest.raises(ResultFileError, match="No space left"):
+        horizon.save(tmp_path)
+    monkeypatch.undo()
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before

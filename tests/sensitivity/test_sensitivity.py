@@ -68,7 +68,7 @@ def quartic_spring():
 
 
 def continuous_joints():
-    reach = example("arms/kinova_reach.toml", steps=16, cost={"velocity": 10.0})
+    reach = example("arms/kinova_reach.toml", steps=40, cost={"velocity": 10.0})
     assert reach.robot.nq > reach.robot.nv
     return reach
 

@@ -141,3 +141,19 @@ def test_the_command_line_saves_it_and_exits_with_130(
         done.stdout.split()
     )
     assert Solution.load(saved).status is Status.INTERRUPTED
+
+
+@pytest.mark.parametrize("name", ["feedback_gains", "keeps_clear"])
+def test_what_a_solver_found_is_kept_while_it_is_read(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"mbocp.solution.read_solution.{name}", interrupted)
+    ball = {"shape": "sphere", "radius": 0.1, "position": [3, 3, 3], "margin": 0.02}
+    problem = mbocp.Problem.create(
+        "double_pendulum", 1.0, 10, goal={"q": [0.5, 0.2], "v": 0}, obstacle=[ball]
+    )
+    s = mbocp.solve(problem, gains=True)
+    assert s.status == "interrupted"
+    assert s.advice.startswith("interrupted before its gains or clearance were known; ")
+    assert s.residual < 1e-6

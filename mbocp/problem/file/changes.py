@@ -29,7 +29,6 @@ from mbocp.problem.timeline.step_counts import scale_lengths
 from mbocp.problem.timeline.timeline import Timeline
 from mbocp.problem.timeline.times import write_duration
 from mbocp.problem.weights import Cost
-from mbocp.terms.written import AUTO
 
 _TABLES = [
     n for n, info in ProblemTable.model_fields.items() if isinstance(info.default, Table) and n != "horizon"
@@ -46,6 +45,8 @@ _INNER = (
     "free_feet",
     "phases_unweighted",
     "cost_reader",
+    "own_path",
+    "path_of_others",
 )
 _ABOUT = ("robot", "terms", "source", "name", "coordinates")
 
@@ -65,7 +66,7 @@ FIELDS = {
     name: said
     for name, said in {**_SAID, **{name.removeprefix("said_"): (name, "") for name in UNSAID}}.items()
     if name not in (*_HORIZON, *_INTEGRATOR, *_ABOUT, *_INNER)
-} | {"lengths": _SAID["lengths"], "phase": ("said_phase", "phase")}
+} | {"lengths": _SAID["lengths"], "phase": ("said_phase", "phase"), "path": ("own_path", "path")}
 
 Written = Callable[[], Mapping[str, Any]]
 
@@ -75,7 +76,7 @@ def change_document(
     changes: Mapping[str, Any],
     made: Timeline,
     written: Written,
-    path: Sequence[object] = (),
+    paths: tuple[Sequence[object], Sequence[object]] = ((), ()),
 ) -> tuple[Document, bool]:
     """Return the document with `changes`, and whether tables are among them.
 
@@ -88,8 +89,9 @@ def change_document(
         That of the problem that was made from the document.
     written : callable
         Returns the tables of that problem: those of values that are changed by their keys are taken from it.
-    path : sequence of BoundedTerm
-        Its path constraints: those of a profile stay with the profile, whatever path is given.
+    paths : tuple of two sequences of BoundedTerm
+        Its own path constraints, and those of other tables, which stay, whatever path is given; those of a
+        profile stay with the profile.
 
     Raises
     ------
@@ -100,17 +102,16 @@ def change_document(
     if "steps" in values:
         values["num_steps"] = values.pop("steps")
     if "path" in values and _changes_profile(values) and not _is_table("path", values["path"]):
-        own = [row for row in values["path"] if not _is_of_profile(row)]
-        values["path"] = path_tables(document.robot, own)
+        values["path"] = path_tables(document.robot, _own_rows(values["path"], paths[1]))
     tables = {name: values.pop(name) for name in list(values) if _is_table(name, values[name])}
     _check_words(values)
     changed = _with_tables(document, tables, written)
     changed = _with_horizon(changed, tables, values, made)
     changed = _with_integrator(changed, values)
     given = {FIELDS[name][0]: _value_of(name, values[name]) for name in FIELDS.keys() & values.keys()}
-    if "said_path" in given:
-        rows = (row for row in given["said_path"] if not _is_of_profile(row))
-        given["said_path"] = (*rows, *filter(_is_of_profile, path))
+    if "own_path" in given:
+        rows = _own_rows(given["own_path"], paths[1])
+        given["own_path"] = (*rows, *filter(_is_of_profile, paths[0]))
     if "said_goal" in given:
         given.setdefault("goals", ())  # in the place of several
     if "said_phase" in given:
@@ -164,8 +165,8 @@ def _with_tables(document: Document, tables: Mapping[str, Any], written: Written
     if of_profile and "profile" not in found.get("limits", {}):  # of a result, which has them as numbers
         found["path"] = [*found["path"], *of_profile]
     if _changes_profile(tables):
-        if values.pop("said_path", None) is not None:
-            found["path"] = written().get("path", ())
+        if (own := values.pop("own_path", None)) is not None:
+            found["path"] = path_tables(document.robot, own)
         found["path"] = [row for row in found.get("path", ()) if not row.get("profile")]
     if "phase" in tables:  # it says how long all is, and what is held
         found["horizon"] = _without(found.get("horizon", {}), "duration", "steps", "lengths")
@@ -179,6 +180,11 @@ def _changes_profile(changes: Mapping[str, Any]) -> bool:
     return isinstance(limits, Mapping) and "profile" in limits
 
 
+def _own_rows(path: Sequence[Any], others: Sequence[object]) -> list[Any]:
+    """Path constraints but those of a profile or of other tables."""
+    return [row for row in path if not (_is_of_profile(row) or row in others)]
+
+
 def _is_of_profile(row: object) -> bool:
     return isinstance(row, PathConstraint) and row.profile is not None
 
@@ -187,7 +193,7 @@ def _change_table(name: str, old: Any, table: Any) -> Any:
     if name in _WHOLE:
         return table
     if old is None or (name == "limits" and "profile" in table):
-        old = {"velocity": AUTO} if name == "cost" else {}
+        old = {}
     if isinstance(old, str):
         old = {SHORT[name]: old}
     if name == "goal" and "any" in {**old, **table}:

@@ -228,7 +228,7 @@ def _goal(robot: Robot, motion: FirstMotion, enforce: str) -> list[str]:
 
 def _limits(motion: FirstMotion) -> list[str]:
     words = {
-        "effort": "of the motors, from the robot's URDF",
+        "effort": "of the motors, from the robot's file",
         "velocity": "of the joints; or a number for all, or a table by joint",
         "position": "of the joints",
     }

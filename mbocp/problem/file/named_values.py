@@ -78,7 +78,7 @@ def configuration_from(robot: Robot, written: Written, base: Array, key: str) ->
         values = _plain_values(numbers, _labels_to_write(robot, slot, len(numbers)), key)
         q[slot.q] = _expand(slot, values, where)
         if not key.startswith("start"):
-            _warn_of_turns(slot, numbers, where)
+            _warn_of_turns(slot, numbers, base, where)
         active[slot.v] = True
     q = np.array(robot.balanced(q, active)) if robot.elastic else q
     return q, active
@@ -108,9 +108,12 @@ def with_motors_at_rest(robot: Robot, active: BoolArray) -> BoolArray:
     return np.ones_like(active)
 
 
-def _warn_of_turns(slot: JointPlace, numbers: Sequence[float], key: str) -> None:
-    if slot.has_angle and len(numbers) == slot.n_written and abs(numbers[-1]) >= _TURN:
-        angle = float(numbers[-1])
+def _warn_of_turns(slot: JointPlace, numbers: Sequence[float], base: Array, key: str) -> None:
+    """Say of an angle a turn away from zero, or from where the joint begins, that turns do not count."""
+    if not (slot.has_angle and len(numbers) == slot.n_written):
+        return
+    angle, begin = float(numbers[-1]), math.atan2(base[slot.q][-1], base[slot.q][-2])
+    if max(abs(angle), abs(angle - begin)) >= _TURN:
         warn_caller(
             f"{key}: joint {slot.name!r} is stored as cosine and sine, which count no turns: {angle:g} rad "
             f"is {math.remainder(angle, 2 * math.pi):.4g} rad to it, the shorter way round; a revolute joint "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -57,9 +57,9 @@ PathTable = merge_tables(
 
 
 def path_from(
-    robot: Robot, tables: list[PathHead], q_start: Array, goal: Goal, folder: Path
+    robot: Robot, tables: Iterable[tuple[str, PathHead]], q_start: Array, goal: Goal, folder: Path
 ) -> tuple[PathConstraint | ContactForce, ...]:
-    """Make the constraints from the tables of `[[path]]`; files that they name are relative to a folder.
+    """Make the constraints from keys and tables; files that they name are relative to a folder.
 
     Raises
     ------
@@ -67,9 +67,9 @@ def path_from(
         If a frame is unknown, or keys do not fit the kind.
     """
     found = []
-    for i, table in enumerate(tables):
-        with locate(f"path.{i}"):
-            found.append(_constraint(robot, table, f"path.{i}", q_start, goal, folder))
+    for key, table in tables:
+        with locate(key):
+            found.append(_constraint(robot, table, key, q_start, goal, folder))
     return tuple(found)
 
 

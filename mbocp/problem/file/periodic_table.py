@@ -113,7 +113,7 @@ def periodic_from(robot: Robot, written: Any) -> Periodic | None:
     for word, (is_right, expected) in _EXPECTED.items():
         if word in table and not is_right(table[word]):
             raise ProblemError(f"{key}.{word}: got {show(table[word])}, expected {expected}")
-    return Periodic(
+    found = Periodic(
         swap=tuple((a, b) for a, b in table.get("swap", ())),
         mirror=table.get("mirror", ()),
         combine={
@@ -123,6 +123,9 @@ def periodic_from(robot: Robot, written: Any) -> Periodic | None:
         apart=table.get("except", ()),
         impact=table.get("impact", ""),
     )
+    with locate(key):
+        found.check(robot)
+    return found
 
 
 def _plain(robot: Robot, joint: str, written: Any, key: str) -> Any:

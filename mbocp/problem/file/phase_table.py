@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -216,11 +216,11 @@ def _complete(table: HorizonTable, *, has_phases: bool) -> HorizonTable:
     return table.model_copy(update={"steps": len(table.lengths), "duration": duration})
 
 
-def with_via(via: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
-    """Tables of via points with those of the phases, which are at their ends unless they say a part."""
-    found = list(via)
-    for table in tables:
-        for point in table.via:
+def with_via(via: Iterable[Any], tables: Sequence[PhaseTable]) -> list[tuple[str, Any]]:
+    """Keys and tables of via points, and of those of the phases: at their ends unless they say a part."""
+    found = [(f"via.{i}", point) for i, point in enumerate(via)]
+    for k, table in enumerate(tables):
+        for i, point in enumerate(table.via):
             key = f"phase {table.name!r}: via"
             if point.time is not None:
                 raise ProblemError(
@@ -231,21 +231,20 @@ def with_via(via: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
             part = "end" if share == 1.0 else f"{share:g}"  # a phase may have several without a name
             name = point.name or f"{part} of {table.name}"
             time = {"phase": table.name, "share": share}
-            found.append(point.model_copy(update={"name": name, "time": time, "share": None}))
+            whole = point.model_copy(update={"name": name, "time": time, "share": None})
+            found.append((f"phase.{k}.via.{i}", whole))
     return found
 
 
-def with_paths(path: Iterable[Any], tables: Sequence[PhaseTable]) -> list[Any]:
-    """Tables of path constraints with those of the phases, which hold in their phase or in a part of it."""
-    found = list(path)
-    for table in tables:
+def paths_of_phases(tables: Sequence[PhaseTable]) -> Iterator[tuple[str, Any]]:
+    """Keys and tables of the path constraints of phases, which hold in their phase or in a part of it."""
+    for k, table in enumerate(tables):
         own: list[Any] = list(table.path)
-        for constraint in own:
+        for i, constraint in enumerate(own):
             ends = {key: _within(getattr(constraint, key), key, table.name) for key in SPAN}
             what = constraint.frame or getattr(constraint, "constraint", None)
             name = constraint.name or f"{constraint.kind} of {what} in {table.name}"
-            found.append(constraint.model_copy(update={"name": name, **ends}))
-    return found
+            yield f"phase.{k}.path.{i}", constraint.model_copy(update={"name": name, **ends})
 
 
 def _within(end: Any, key: str, phase: str) -> Any:

@@ -46,9 +46,9 @@ from mbocp.problem.file.phase_table import (
     HorizonTable,
     PhaseTable,
     horizon_from,
+    paths_of_phases,
     phases_from,
     weigh_phases,
-    with_paths,
     with_via,
 )
 from mbocp.problem.file.profile import Profile, profile_of
@@ -215,8 +215,14 @@ def _via(
     return via_from(robot, with_via(via_table, phases_on_ground), said_q_start)
 
 
-def _path(
-    path_table: list[Any],
+def _own_path(
+    path_table: list[Any], robot: Robot, said_q_start: Array, said_goal: Goal, folder: Path
+) -> tuple[Any, ...]:
+    tables = [(f"path.{i}", table) for i, table in enumerate(path_table)]
+    return path_from(robot, tables, said_q_start, said_goal, folder)
+
+
+def _path_of_others(
     phases_on_ground: list[PhaseTable],
     forces_of_feet: list[Any],
     limits_table: LimitsTable,
@@ -226,14 +232,24 @@ def _path(
     said_goal: Goal,
     folder: Path,
 ) -> tuple[Any, ...]:
+    """Path constraints of other tables: of phases, of the ground, and of limits of motors."""
     of_profile = [PathTable(**table) for table in profile.paths(robot)] if profile is not None else []
     speeds = [
         PathTable.model_validate({"kind": "motor_speed", "frame": motor.name, "max": motor.speed})
         for motor in (robot.found_gears if limits_table.velocity is True else ())
         if np.isfinite(motor.speed)
     ]
-    tables = [*with_paths(path_table, phases_on_ground), *forces_of_feet, *of_profile, *speeds]
+    tables = [
+        *paths_of_phases(phases_on_ground),
+        *(("ground", table) for table in forces_of_feet),
+        *(("limits.profile", table) for table in of_profile),
+        *(("limits.velocity", table) for table in speeds),
+    ]
     return path_from(robot, tables, said_q_start, said_goal, folder)
+
+
+def _path(own_path: tuple[Any, ...], path_of_others: tuple[Any, ...]) -> tuple[Any, ...]:
+    return (*own_path, *path_of_others)
 
 
 READ = (
@@ -262,6 +278,8 @@ READ = (
     Step.of(CostReader, "cost_reader"),
     Step.of(read_cost, "said_cost"),
     Step.of(weigh_phases, "said_phase"),
+    Step.of(_own_path, "own_path"),
+    Step.of(_path_of_others, "path_of_others"),
     Step.of(_path, "said_path"),
     Step.of(obstacles_from, "said_obstacle"),
     Step.of(self_collision_from, "said_self_collision"),

@@ -174,7 +174,8 @@ def _parameter(table: ParameterTable, index: int, robot: Robot) -> Parameter:
     if not words or not all(word.startswith(OF_ROBOT) for word in words):
         raise InvalidValue(f"{key}.of", show(table.of), 'a number of the robot, as "robot.payload.NAME.mass"')
     words = [word.removeprefix(OF_ROBOT) for word in words]
-    numbers = [take(robot, word) for word in words]
+    with locate(f"{key}.of"):
+        numbers = [take(robot, word) for word in words]
     unit, said = numbers[0].unit, table.model_fields_set & {"min", "max", "start"}
     plain = {name: plain_number(getattr(table, name), unit, f"{key}.{name}") for name in said}
     table = table.model_copy(update=plain)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Annotated, Any
 
 import numpy as np
@@ -148,19 +148,18 @@ class ViaTable(Table):
     ] = Field(default_factory=list)
 
 
-def via_from(robot: Robot, tables: Sequence[ViaTable], q_start: Array) -> tuple[ViaPoint, ...]:
-    """Make the via points from the tables of `[[via]]`.
+def via_from(robot: Robot, tables: Iterable[tuple[str, ViaTable]], q_start: Array) -> tuple[ViaPoint, ...]:
+    """Make the via points from keys and tables.
 
     Raises
     ------
     ProblemError, UnknownFrame, InvalidValue
         If a frame or joint is unknown, or a value cannot be right.
     """
-    return tuple(_point(robot, table, i, q_start) for i, table in enumerate(tables))
+    return tuple(_point(robot, table, i, key, q_start) for i, (key, table) in enumerate(tables))
 
 
-def _point(robot: Robot, table: ViaTable, index: int, q_start: Array) -> ViaPoint:
-    key = f"via.{index}"
+def _point(robot: Robot, table: ViaTable, index: int, key: str, q_start: Array) -> ViaPoint:
     q, q_active = np.array(q_start), np.zeros(robot.nv, dtype=np.bool_)
     value, rate_active = np.zeros(robot.nv), np.zeros(robot.nv, dtype=np.bool_)
     if table.q is not None:

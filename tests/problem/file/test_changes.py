@@ -56,6 +56,21 @@ def test_every_word_of_create(problem: Problem) -> None:
     assert (other.solver.tolerance, other.solver.method, other.duration) == (1e-8, "auto", 2.0)
 
 
+def test_path_constraints_of_other_tables_stay() -> None:
+    """Feet on the ground, motors whose gears are found; whether a path is given by tables or by objects."""
+    for name, frame in (("legged/solo12_trot", "base_link"), ("design/gear_ratio", "tool0")):
+        problem = load_problem(EXAMPLES / f"{name}.toml")
+        names = {row.name for row in problem.path}
+        assert names
+        with_table = problem.with_(path=[{"kind": "position", "frame": frame, "z": [-5, 5]}])
+        own = [row for row in with_table.path if row.name not in names]
+        for path in (own, [*problem.path, *own]):
+            other = problem.with_(path=path)
+            assert [row.name for row in other.path] == [row.name for row in with_table.path]
+        assert {row.name for row in other.with_(path=()).path} == names
+    assert not other.with_(limits={"velocity": 3.0}, path=()).path
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

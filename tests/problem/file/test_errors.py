@@ -132,6 +132,26 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
             "phase.0.payload",
             r"a \[\[robot\.part\]\] with its mass, which \[\[phase\.hold\]\] joins to the tool",
         ),
+        (
+            "phase=[{name='a', steps=3, duration=1, path=[{kind='position', frame='tool0', z=[1, 0]}]}]",
+            "phase.0.path.0",
+            r"got \[1\.0, 0\.0\], expected a finite bound",
+        ),
+        (
+            "phase=[{name='a', steps=3, duration=1, via=[{q=[0, 0]}]}]",
+            "phase.0.via.0.q",
+            r"got shape \(2,\), expected \(6,\)",
+        ),
+        (
+            "path=[{kind='speed', frame='tool0', max=-1}]",
+            "path.0",
+            r"'speed of tool0': max: got -1\.0, expected a speed, which is not below 0",
+        ),
+        (
+            "parameter=[{of='robot.joint.elbow.length', min=0, max=1}]",
+            "parameter.0.of",
+            r"got 'joint\.elbow\.length', expected payload\.NAME\.mass",
+        ),
         ("goal.vel=0", "goal.vel", "unknown key, did you mean 'v'"),
         ("limits.acc=3", "limits.acc", "unknown key, did you mean 'acceleration'"),
         ("goal={}", "", ""),

@@ -70,6 +70,9 @@ def test_full_turns_of_a_joint_that_counts_none_are_told(kinova: Robot) -> None:
     name = "j2s6s200_joint_4"
     with pytest.warns(ProblemWarning, match=r"goal\.q\..*12 rad is -0\.5664 rad to it"):
         configuration_from(kinova, {name: 12.0}, kinova.q0, "goal.q")
+    base, _ = configuration_from(kinova, {name: -1.0}, kinova.q0, "start.q")
+    with pytest.warns(ProblemWarning, match=r"5\.28319 rad is -1 rad to it"):
+        configuration_from(kinova, {name: 2 * math.pi - 1.0}, base, "goal.q")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         configuration_from(kinova, {name: 4.0}, kinova.q0, "goal.q")

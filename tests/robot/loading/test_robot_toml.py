@@ -214,6 +214,12 @@ def test_lengths_default_to_the_initial_pose(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.force_elements(robot.q0, np.ones(3)), np.zeros(3), atol=1e-12)
 
 
+def test_ends_of_a_spring_that_meet_push_nowhere(tmp_path: Path) -> None:
+    toml = '[[spring_damper]]\nstiffness = 3\ndamping = 2\nlength = 0.3\nframes = ["l1", "base"]\n'
+    robot = load(tmp_path, toml, urdfs.chain("prismatic").replace('xyz="0.3 0 0.1"', 'xyz="0 0 0"'))
+    np.testing.assert_array_equal(robot.force_elements(robot.q0, np.ones(1)), [0.0])
+
+
 def test_connectors(tmp_path: Path) -> None:
     toml = """
     [[constraint]]

@@ -54,6 +54,9 @@ BROKEN = {
         joint("l", "revolute", "d", "c"),
         joint("m", "revolute", "d", "e"),
     ),
+    r"joint 'j' is revolute, and has no <limit>; zeros in it mean no limits": robot(
+        link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")
+    ),
     r"joint 'k' joins link 'c' to itself": robot(
         *(link(n) for n in "abc"), joint("j", "revolute", "a", "b"), joint("k", "revolute", "c", "c")
     ),
@@ -97,10 +100,11 @@ BROKEN = {
         joint("j4", "revolute", "d", "e", extra=urdfs.mimic("j1")),
     ),
     r"Pinocchio cannot read this URDF: .*j": robot(
-        link("a"), link("b"), joint("j", "revolute", "a", "b", extra="")
+        link("a"), link("b"), joint("j", "revolute", "a", "b", extra="<limit/>")
     ),
     r"joint 'j1': friction is 'rough', expected a finite number": robot(
-        *(link(n) for n in "ab"), joint("j1", "prismatic", "a", "b", extra=urdfs.losses(0, "rough"))
+        *(link(n) for n in "ab"),
+        joint("j1", "prismatic", "a", "b", extra=urdfs.LIMIT + urdfs.losses(0, "rough")),
     ),
 }
 

@@ -143,7 +143,7 @@ def test_it_stands_in_a_robot_toml_and_in_parts(arm: Path) -> None:
 def test_oddities_are_those_of_the_urdf(arm: Path) -> None:
     arm.write_text(ARM.replace('velocity="2"', 'velocity="0"'))
     assert find_oddities(load(arm, mass=1.0)) == (
-        "joint 'shoulder': zero velocity in <limit>: limits.velocity = true would not let it move",
+        "joint 'shoulder': zero velocity in <limit>: limits.velocity = true does not bound it",
     )
 
 

@@ -124,6 +124,8 @@ def _check_joint(path: Path, name: str, joint: ElementTree.Element) -> None:
             f"{path}: {where} is of type {show(kind)}; supported: {', '.join(_JOINT_TYPES)} "
             "(and mimic on revolute, continuous and prismatic joints)"
         )
+    if kind in _WITH_LIMITS and joint.find("limit") is None:
+        raise RobotFileError(path, f"{where} is {kind}, and has no <limit>; zeros in it mean no limits")
     for key in ("xyz", "rpy"):
         finite_numbers(path, f"{where}: origin {key}", child_attribute(joint, "origin", key), (0.0,) * 3)
     text = child_attribute(joint, "axis", "xyz")
@@ -228,15 +230,16 @@ def _of_joint(joint: ElementTree.Element) -> Iterator[tuple[str, str]]:
     if kind in _WITH_LIMITS and limit["lower"] is not None and limit["upper"] is not None:
         yield from _of_range(limit["lower"], limit["upper"])
     for key in ("effort", "velocity"):
-        if limit[key] is None:
-            yield f"no {key} in <limit>: limits.{key} = true does not bound it", ""
-        elif limit[key] == 0.0:
-            yield f"zero {key} in <limit>: limits.{key} = true would not let it move", ""
+        if not limit[key]:
+            what = "no" if limit[key] is None else "zero"
+            yield f"{what} {key} in <limit>: limits.{key} = true does not bound it", ""
 
 
 def _of_range(lower: float, upper: float) -> Iterator[tuple[str, str]]:
-    if lower >= upper:
-        yield f"its lower limit {lower:g} is not below its upper {upper:g}: it cannot move", ""
+    if lower > upper:
+        yield f"its lower limit {lower:g} is above its upper {upper:g}: each is taken for the other", ""
+    elif lower == upper != 0.0:
+        yield f"its limits are both {lower:g}: limits.position = true does not bound it", ""
     elif lower > 0.0 or upper < 0.0:
         words = "exclude zero, where poses begin unless start.q says another"
         yield f"its limits {lower:g} ... {upper:g} {words}", "start.q"
