@@ -74,7 +74,7 @@ def stop(
     for name, value in said.items():
         check_finite(name, value)
     begin = _state(motion, at, said)
-    return solve(_stopping(problem, begin, steps), time_limit=time_limit)
+    return solve(_problem_of_stop(problem, begin, steps), time_limit=time_limit)
 
 
 def _state(motion: Any, at: float | None, said: dict[str, Array]) -> dict[str, Array]:
@@ -96,7 +96,7 @@ def _state(motion: Any, at: float | None, said: dict[str, Array]) -> dict[str, A
     }
 
 
-def _stopping(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
+def _problem_of_stop(problem: Problem, begin: dict[str, Array], steps: int) -> Problem:
     """The problem of a stop."""
     if problem.phase:
         raise ProblemError("stop: motions with phases stop where their contacts allow it; solve that problem")

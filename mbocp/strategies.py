@@ -139,7 +139,7 @@ class SolveWithinSteps:
         can = can_hold_within(job.problem).replace("p", "")
         if not limits_accelerations(job.problem) or job.rough:
             return self._solve_in_turn(job)
-        within = "".join(sorted({*can, *_held_by_start(job)}))
+        within = "".join(sorted({*can, *_limits_held_by_start(job)}))
         solution = self.once.run(replace(job.with_limits_within(within), brief=job.brief or _WITHIN))
         asked = job.problem.solver.max_iterations
         is_spent = asked is not None and solution.iterations >= asked
@@ -156,7 +156,7 @@ class SolveWithinSteps:
 
     def _solve_in_turn(self, job: Job) -> Solution:
         """Up to four times; a motion that keeps its limits already begins with them."""
-        within = _held_by_start(job)
+        within = _limits_held_by_start(job)
         return self._add_in_turn(job, self.once.run(job.with_limits_within(within)), within)
 
     def _add_in_turn(self, job: Job, solution: Solution, within: str) -> Solution:
@@ -176,7 +176,7 @@ class SolveWithinSteps:
         return solution
 
 
-def _held_by_start(job: Job) -> str:
+def _limits_held_by_start(job: Job) -> str:
     """Letters of the limits that hold within the steps of a warm start, and can again."""
     begun = job.start.iterate if isinstance(job.start, Solution) else None
     held = "" if begun is None else begun.limits_within

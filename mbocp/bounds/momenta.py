@@ -42,7 +42,7 @@ class Momenta:
     gravity: Box
     forms: Box
 
-    def opposing(self, v: Box) -> Box:
+    def enclose_opposing(self, v: Box) -> Box:
         """Enclose w for velocities within boxes, shape (K, n)."""
         most = v.size
         n = most.shape[1]

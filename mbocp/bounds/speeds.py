@@ -121,7 +121,7 @@ def _within_forces(known: Speeds, displacements: Array, v: Array, forces: Forces
     """Lower bounds of speeds by what forces can make of momenta: p' = tau - w, v = M^-1 p."""
     moment = momenta_over(forces.robot, Box.of(*known.tube(displacements)))
     velocities = Box.of(known.lower, known.upper)
-    opposing, losses = moment.opposing(velocities), forces.losses(velocities.size)
+    opposing, losses = moment.enclose_opposing(velocities), forces.losses(velocities.size)
     held = opposing.upper + losses, opposing.lower - losses
     lengths = np.diff(known.edges)[:, None]
     p0 = Box.of(v[None], v[None])

@@ -228,7 +228,7 @@ def windows_of(task: BoundTask) -> Windows | None:
     G, rest = gravity_by_lines(robot, inside, moment.gravity)
     v = Box.of(v_low, np.maximum(v_low, v_high))
     losses = task.forces().losses(v.size)
-    w = replace(moment, gravity=rest).opposing(v) + Box(np.zeros_like(losses), losses)
+    w = replace(moment, gravity=rest).enclose_opposing(v) + Box(np.zeros_like(losses), losses)
     momenta = [
         _momentum(task, Displacements(q, place.v), (moment.M[[k]], v[[k]]))
         for q, place, k in ((start, task.places[0], 0), (goal, task.places[-1], -1))

@@ -14,7 +14,7 @@ from typer.main import get_command
 from typer.models import CommandInfo
 
 from mbocp.cli.command_examples import examples
-from mbocp.cli.error_report import report_errors, reporting
+from mbocp.cli.error_report import report_errors, report_errors_of
 
 # Commands in the order of the help: the module of `mbocp.cli` that has a function of that name, and what the
 # list of commands says, which is the first line of the function's docstring.
@@ -57,7 +57,7 @@ def load_command(name: str) -> Any:
     """One of mbocp's own commands, as typer reads its function."""
     alone = typer.Typer(add_completion=False, rich_markup_mode=None)
     function = getattr(import_module(f"mbocp.cli.{COMMANDS[name][0]}"), name)
-    alone.command(name, epilog=examples(name))(reporting(function))
+    alone.command(name, epilog=examples(name))(report_errors_of(function))
     return get_command(alone)
 
 

@@ -62,7 +62,7 @@ def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> i
 
     found, status = Findings(file, settings), 0
     try:
-        with found.recording():
+        with found.record_warnings():
             problem = load_problem(file, settings)
     except MbocpError as error:
         found.add_error(error)

@@ -64,7 +64,7 @@ class _Meaning(NamedTuple):
     status: int
 
 
-def reporting(command: Callable[_P, _R]) -> Callable[_P, _R]:
+def report_errors_of(command: Callable[_P, _R]) -> Callable[_P, _R]:
     """Report the errors of a command, as its switches `--quiet` and `--json` say."""
 
     @functools.wraps(command)

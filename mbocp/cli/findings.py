@@ -40,7 +40,7 @@ class Findings:
         self.warnings: list[Finding] = []
 
     @contextlib.contextmanager
-    def recording(self) -> Iterator[None]:
+    def record_warnings(self) -> Iterator[None]:
         """Keep the warnings that arise; they are shown, too."""
         with warnings.catch_warnings():
             show = warnings.showwarning

@@ -233,7 +233,7 @@ def vias_at_once(problem: Problem, t: Array) -> str:
     return ""
 
 
-def opening_of_loops(formulation: Formulation, motion: Motion) -> tuple[str, bool]:
+def describe_opening(formulation: Formulation, motion: Motion) -> tuple[str, bool]:
     """Say how far a scheme that does not solve constraints leaves them, and whether by far; "" where not."""
     problem = formulation.problem
     if SCHEMES[problem.scheme].solves_constraints or not problem.robot.nc:

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbocp._arrays import Array, IntArray, frozen_array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.memory import kept_at_start
+from mbocp.formulation.features.memory import rate_shares_at_start
 from mbocp.formulation.features.step_lengths import lengths_of_states
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion
@@ -135,7 +135,7 @@ def _in_units(iterate: Iterate, at: StateLayout, units: Mapping[str, Array | flo
 def _from_start(iterate: Iterate, formulation: Formulation) -> Iterate:
     """The iterate with multipliers of rates in a first step, which was a later one."""
     problem, ms, bounds = formulation.problem, np.array(iterate.ms), iterate.bounds
-    kept = kept_at_start(problem)
+    kept = rate_shares_at_start(problem)
     for name in kept.keys() & formulation.layout.rows.keys():
         ms[0, formulation.layout.rows[name]] *= kept[name]
     if bounds is not None:

@@ -201,7 +201,7 @@ def check_operations(robot: str, nv: int, signature: FunctionSignature) -> None:
 _BRIDGE = "mbocp._native._bridge"  # Pinocchio's algorithms as expressions, compiled
 
 
-def writing_sources() -> Iterator[Path]:
+def source_files() -> Iterator[Path]:
     """Files that have a part in writing stage functions: this folder, those that it builds on, the ground."""
     own = Path(__file__).parent
     for package in (integrators, lie, mechanics, meshes, robot, symbolic, terms):
@@ -217,7 +217,7 @@ def writing_sources() -> Iterator[Path]:
 def sources_digest() -> str:
     """Digest of these files."""
     digest = hashlib.sha256()
-    for source in writing_sources():
+    for source in source_files():
         digest.update(source.name.encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()

@@ -183,7 +183,7 @@ class StepSymbols:
         """All controls of the programme, one after the other."""
         return ca.vertcat(*self.named_inputs.values())
 
-    def remembering(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
+    def passage_with(self, s0: ca.SX, s1: ca.SX, before: Mapping[str, ca.SX]) -> Passage:
         """Return the step as the rules of what is remembered see it, with these speeds and memories."""
         units = {name: self.given[unit_of(name)] for name in before if unit_of(name) in self.given}
         own = (self.units_of_u, self.dt, self.spacing, self.has_before, before, units)
@@ -215,7 +215,7 @@ class StepSymbols:
         """What the state after the step has to remember, less what it does, shape (nr,)."""
         at, leap = self.space.layout, self.is_impact
         before = {name: self.at0[where] for name, where in at.states.items()}
-        after = dict(self.follow(self.remembering(self.at0[at.s], self.at1[at.s], before)))
+        after = dict(self.follow(self.passage_with(self.at0[at.s], self.at1[at.s], before)))
         if not leap.is_zero():  # impacts take no time, and leave what they have no value of
             left = [block.name for block in at.blocks if block.is_remembered and not block.has_impacts]
             after |= {name: (1 - leap) * after[name] + leap * before[name] for name in left}

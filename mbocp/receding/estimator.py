@@ -170,7 +170,7 @@ class MovingHorizonEstimator:
             Time that the kernel may take [us].
         """
         wrong = list[str]()
-        sample = self._measured(q, v, wrong)
+        sample = self._read_sample(q, v, wrong)
         given = None if u is None else numbers_of("u", u, self._robot.nu, wrong)
         self._u = self._u if given is None else np.array(given)
         length = min(time_of("dt", dt, self._step, "s", wrong) or self._step, _LONGEST)
@@ -205,7 +205,7 @@ class MovingHorizonEstimator:
         """The newest configuration."""
         return np.array(self._horizon.x[-1, : self._layout.nq])
 
-    def _measured(self, q: Any, v: Any, wrong: list[str]) -> dict[str, Array]:
+    def _read_sample(self, q: Any, v: Any, wrong: list[str]) -> dict[str, Array]:
         """A sample's numbers; none if it was lost, or some of it cannot be."""
         own, has_v = self._robot, "v" in self._sigma
         if v is not None and not has_v:

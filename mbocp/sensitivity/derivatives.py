@@ -172,7 +172,7 @@ class Sensitivities:
         given = self._by_word(np.zeros(len(self._stretches)))
         for word, move in moves.items():
             _check_known("word", word, given)
-            given[word][:] = _fitting(word, move, given[word].shape)
+            given[word][:] = _array_of_shape(word, move, given[word].shape)
         weights = np.concatenate(list(given.values()))
         stretch = np.array([weights @ self._stretches])
         (along,) = self._moves_for(self._change.along(weights[None]), stretch)
@@ -208,7 +208,7 @@ class Sensitivities:
         }
         for name in bars:
             _check_known("quantity", name, shapes)
-        given = {name: _fitting(name, bar, shapes[name]) for name, bar in bars.items()}
+        given = {name: _array_of_shape(name, bar, shapes[name]) for name, bar in bars.items()}
         of_cost = given.pop("cost", np.zeros(()))
         xs, us, stretch = self._reader.pull_back(given)
         zeros = Parts.zeros(self.formulation.programme, 1)
@@ -277,7 +277,7 @@ class Sensitivities:
         return {word: whole[slice(*pair)] for word, pair in zip(self.names, pairwise(ends), strict=True)}
 
 
-def _fitting(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _array_of_shape(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     found = np.asarray(values, dtype=np.float64)
     if found.shape != shape:
         raise DimensionMismatch(name, found.shape, shape)

@@ -153,7 +153,7 @@ def facts_of(problem: Problem) -> Facts:
         u_start=() if before is None else _plain(before),
         u_goal=() if after is None or isinstance(after, str) else _plain(after),
         q_goal=_goal_coordinates(problem.goal),
-        braking=tuple(_braking(problem)),
+        braking=tuple(_braking_places(problem)),
         ends_held=isinstance(after, str),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
         parameters=tuple(
@@ -188,7 +188,7 @@ def _goal_coordinates(goal: Goal) -> tuple[bool, ...]:
     return () if says_all else tuple(goal.q_active.tolist())
 
 
-def _braking(problem: Problem) -> Iterator[BrakingPlace]:
+def _braking_places(problem: Problem) -> Iterator[BrakingPlace]:
     for path in problem.frame_constraints:
         if path.kind == Braking.kind and path.span.nodes(problem.num_steps, problem.dt).all():
             joint = problem.robot.v_labels[place_of(path.frame, problem.robot)].name

@@ -18,7 +18,7 @@ from mbocp import __version__
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import BOUND_TOLERANCE
 from mbocp.formulation import Formulation, Motion
-from mbocp.formulation.end_reached import miss_of_rates, miss_of_vias, opening_of_loops, vias_at_once
+from mbocp.formulation.end_reached import describe_opening, miss_of_rates, miss_of_vias, vias_at_once
 from mbocp.formulation.features.free_contacts import describe_free_contacts
 from mbocp.formulation.gains import feedback_gains
 from mbocp.formulation.iterates import place_iterate, with_robot_of
@@ -296,7 +296,7 @@ def _at_goal(formulation: Formulation, motion: Motion, status: Status, advice: s
     if status is not Status.CONVERGED:
         return status, advice
     (opening, _), (at_via, _) = found = (
-        opening_of_loops(formulation, motion),
+        describe_opening(formulation, motion),
         miss_of_vias(formulation, motion),
     )
     for words, is_gross in found:

@@ -250,10 +250,10 @@ class EffortAboutGravity(WeightedCost):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the differences."""
-        return half_square(p[self.key], at.control - self._holding(at))
+        return half_square(p[self.key], at.control - self._holding_controls(at))
 
     @staticmethod
-    def _holding(at: Point) -> ca.SX:
+    def _holding_controls(at: Point) -> ca.SX:
         mechanics = at.mechanics
         weight, (ties, acts) = mechanics.gravity(at.q), at.constraints()
         weight, actuation = _at_motors(mechanics, weight), mechanics.robot.actuation

@@ -88,11 +88,11 @@ def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | Non
         near=1e-2 * size,
         far=float(100.0 * size + 10.0 * distance),
         least=max(distance_y - middle, 0.2 * size),
-        sides=_deciding(np.column_stack([aside, depth - middle])),
+        sides=_extreme_points(np.column_stack([aside, depth - middle])),
     )
 
 
-def _deciding(points: Array) -> Array:
+def _extreme_points(points: Array) -> Array:
     """Points that are the most aside and before the others in one window or another."""
     found = [np.argmax(points[:, 0] / aspect + points[:, 1]) for aspect in (*_ASPECTS, ASPECT)]
     return np.asarray(points[np.unique(found)])

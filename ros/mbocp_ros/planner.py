@@ -106,12 +106,12 @@ class Planner:
             replace(document, tables={**document.tables, **ends}, values={}), before=self.problem
         )
         solution = mbocp.solve(problem, check=True, time_limit=self.time_limit)
-        motion = self._sent(solution, start)
+        motion = self._prepare(solution, start)
         if motion.words:
             raise ProblemError(f"the motion leaves limits as it is sent: {motion.words}; give it more steps")
         return motion
 
-    def _sent(
+    def _prepare(
         self, solution: mbocp.Solution, start: Mapping[str, float], interpolation: str | None = None
     ) -> Motion:
         """A motion as it is sent, from where the robot counts its joints to be [rad, m]."""
@@ -157,7 +157,7 @@ class Planner:
         if not found.converged:
             raise mbocp.NotConverged(found)
         here = dict(zip(motion.sent.joints, (positions[0] + motion.turns).tolist(), strict=True))
-        stop = self._sent(found, here, curves.interpolation)
+        stop = self._prepare(found, here, curves.interpolation)
         return replace(stop, stopped=motion, begin=at)
 
     def _wrap(self, q: Mapping[str, float]) -> dict[str, float]:

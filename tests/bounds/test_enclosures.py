@@ -93,7 +93,7 @@ def test_momenta_are_enclosed(robot, width):
             for h in 1e-5 * np.eye(model.nv)
         ]
         w = g - 0.5 * np.array([v @ rate @ v for rate in rates])
-        opposing = found.opposing(Box.of([v], [v]))
+        opposing = found.enclose_opposing(Box.of([v], [v]))
         for box, value, slack in ((found.M, M, 1e-12), (found.gravity, g, 1e-10), (opposing, w, 1e-6)):
             assert (box.lower[0] - slack <= value).all()
             assert (value <= box.upper[0] + slack).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import mbocp
-from mbocp.formulation.signature import writing_sources
+from mbocp.formulation.signature import source_files
 from tests.test_architecture import PACKAGE, SOURCES, imported_modules, module_name, reached
 
 IMPORTED = Path(mbocp.__file__).resolve().parent  # where the package is taken from: maybe a copy of this one
@@ -27,7 +27,7 @@ class _Imports(dict[str, set[str]]):
 def test_whatever_the_writers_import_is_among_the_sources() -> None:
     names = {module_name(path): path for path in SOURCES}
     graph = _Imports(names)
-    sources = (path.resolve() for path in writing_sources() if path.suffix == ".py")
+    sources = (path.resolve() for path in source_files() if path.suffix == ".py")
     known = {path.relative_to(IMPORTED) for path in sources}
     for writer in WRITERS:
         used = {writer, *reached(graph, writer)}
@@ -37,7 +37,7 @@ def test_whatever_the_writers_import_is_among_the_sources() -> None:
 
 
 def test_the_compiled_bridge_is_among_the_sources() -> None:
-    found = list(writing_sources())
+    found = list(source_files())
     assert len(set(found)) == len(found)
     assert [path.name.split(".")[0] for path in found if path.suffix != ".py"] == ["_bridge"]
     assert (IMPORTED / "terms" / "running.py") in [path.resolve() for path in found]

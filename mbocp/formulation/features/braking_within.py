@@ -47,7 +47,7 @@ class BrakingWithin(Feature):
     def of(cls, problem: Problem, asked: StepRequests) -> BrakingWithin | None:
         """Return those of a problem whose speeds and controls vary within a step."""
         rows, model = [], problem.robot.model
-        for path, term in _braking(problem):
+        for path, term in _brakings(problem):
             joint = model.joints[model.frames[path.frame].parentJoint]
             rows += [(joint.idx_q, joint.idx_v, side) for side in term.sides]
         return cls(tuple(rows)) if rows else None
@@ -69,7 +69,7 @@ class BrakingWithin(Feature):
     def numbers(self, problem: Problem) -> Mapping[str, Array]:
         """Numbers of each row."""
         return {
-            name: np.concatenate([np.repeat(path.number(key), path.rows) for path, _ in _braking(problem)])
+            name: np.concatenate([np.repeat(path.number(key), path.rows) for path, _ in _brakings(problem)])
             for name, key in ((_RESERVES, "reserve"), (_DECELERATIONS, "deceleration"))
         }
 
@@ -93,7 +93,7 @@ class BrakingWithin(Feature):
         """Those of the path constraints; none in impacts, which take no time."""
         lower, upper = infinite_bounds(problem.num_steps, len(self.rows))
         first = 0
-        for path, _ in _braking(problem):
+        for path, _ in _brakings(problem):
             held, columns = steps_held(path, problem), slice(first, first + path.rows)
             held &= ~problem.timeline.is_impact
             lower[held, columns], upper[held, columns] = path.lower, path.upper
@@ -111,11 +111,11 @@ class BrakingWithin(Feature):
 
 def names_of_braking(problem: Problem) -> tuple[str, ...]:
     """Return names for the rows within steps of a problem, as of path constraints; none without any."""
-    labels = [label for path, _ in _braking(problem) for label in path.labels]
+    labels = [label for path, _ in _brakings(problem) for label in path.labels]
     return tuple(f"{label.name} {place}" for place in _PLACES for label in labels)
 
 
-def _braking(problem: Problem) -> list[tuple[PathConstraint, Braking]]:
+def _brakings(problem: Problem) -> list[tuple[PathConstraint, Braking]]:
     """Constraints of joints whose angles are numbers, with their terms; none where cubics hardly bulge."""
     if not has_cubics(problem) or problem.controls == "constant":
         return []

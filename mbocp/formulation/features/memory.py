@@ -182,7 +182,7 @@ def memory_units(problem: Problem) -> dict[str, float]:
     return units
 
 
-def kept_at_start(problem: Problem) -> dict[str, float]:
+def rate_shares_at_start(problem: Problem) -> dict[str, float]:
     """Return the part of their multipliers that rates keep where their step becomes the first one, by name.
 
     Over half the time a rate is twice as steep; that of a control without one before is none.

@@ -33,7 +33,7 @@ from mbocp.formulation.steps import HAS_BEFORE, StepSymbols
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Problem
-from mbocp.problem.goals.free_start import kept_at_start, start_bounds
+from mbocp.problem.goals.free_start import rows_kept_at_start, start_bounds
 from mbocp.problem.goals.periodic import Periodic, impact_axes
 from mbocp.problem.timeline.cycle import compare_ends
 from mbocp.robot import Label
@@ -184,7 +184,7 @@ def _rows_to_keep(problem: Problem) -> tuple[KeptRows, KeptRows] | None:
     if free is None:
         return None
     given = (problem.robot, free, problem.q_start, problem.v_start, problem.timeline.switches)
-    places, rates = (_numbers(kept_at_start(*given, of_rates=of_rates)) for of_rates in (False, True))
+    places, rates = (_numbers(rows_kept_at_start(*given, of_rates=of_rates)) for of_rates in (False, True))
     if periodic is not None and periodic.impact:  # then the image keeps the constraints' rates
         rates = KeptRows()
     return (places, rates) if places.count + rates.count else None

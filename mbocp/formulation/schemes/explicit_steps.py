@@ -184,7 +184,7 @@ def _memory_after(
     places = {name: layout.states[name] for name in remembered}
     before = {name: r[where.start - start : where.stop - start] for name, where in places.items()}
     passage = replace(
-        at.remembering(s0, s1, before), u=inputs["own"], dt=step, spacing=between, controls=inputs
+        at.passage_with(s0, s1, before), u=inputs["own"], dt=step, spacing=between, controls=inputs
     )
     rows = ca.vertcat(*at.follow(passage).values())
     given = [at.x0, at.theta, at.rho]

@@ -145,7 +145,7 @@ def check_periodic(robot: Robot, goal: Goal, coordinates: str) -> None:
         )
 
 
-def kept_at_start(
+def rows_kept_at_start(
     robot: Robot, free: FreeStart, q: Array, v: Array, switches: SwitchTable | None, *, of_rates: bool
 ) -> tuple[BoolArray, BoolArray]:
     """Which rows of constraints a free start has to keep, and does not keep by itself.
@@ -195,7 +195,7 @@ def _check_constraints(
 ) -> None:
     """What is free has to be able to keep the constraints."""
     for part, mask in (("q", free.q), ("v", free.v)):
-        rows = np.concatenate(kept_at_start(robot, free, q, v, switches, of_rates=part == "v"))
+        rows = np.concatenate(rows_kept_at_start(robot, free, q, v, switches, of_rates=part == "v"))
         G = _all_rows(robot, q, switches)[rows][:, mask]
         if np.linalg.matrix_rank(G, tol=RANK_TOLERANCE) < len(G):
             is_held = switches is not None and bool(switches.held)

@@ -45,7 +45,7 @@ class DriveReader:
     names: TableReader
     tables: tuple[DriveTable, ...]
 
-    def driven(self) -> frozenset[int]:
+    def driven_joints(self) -> frozenset[int]:
         """Indices of the joints that drives move."""
         return frozenset(
             joint for number, table in enumerate(self.tables) for _, joint in self._joints(number, table)
@@ -61,7 +61,7 @@ class DriveReader:
         """
         found: list[tuple[Drive, float]] = []
         owner: dict[int, str] = {}
-        driven = [dof for joint in self.driven() for dof in self._dofs(joint)]
+        driven = [dof for joint in self.driven_joints() for dof in self._dofs(joint)]
         idle = np.delete(motors, driven, axis=0) == 0.0
         without_effect = motors[:, idle.all(axis=0)]
         for number, table in enumerate(self.tables):
@@ -183,7 +183,7 @@ class ActuationReader:
             named = list(actuated)
         elif named is not None or declared:
             named = [*(named or []), *declared]
-        driven = reader.driven()
+        driven = reader.driven_joints()
         self._refuse_driven(driven)
         found = self._motors(named) if named is not None else self._default_motors(driven)
         return list(dict.fromkeys(self._elastic.get(joint, joint) for joint in found))

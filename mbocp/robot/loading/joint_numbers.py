@@ -167,7 +167,7 @@ def joint_resistances(
     every = [*_of_joints(model), *_of_followers(model, followers)]
     found = [each for each in every if losses.joints is None or each.name in losses.joints]
     _tell_friction(found, losses, robot)
-    kept = (_acting(resistance, losses) for resistance in found)
+    kept = (_with_losses(resistance, losses) for resistance in found)
     return tuple(resistance for resistance in kept if resistance.damping or resistance.friction)
 
 
@@ -181,7 +181,7 @@ def _tell_friction(found: Iterable[JointResistance], losses: Losses, robot: str)
         )
 
 
-def _acting(resistance: JointResistance, losses: Losses) -> JointResistance:
+def _with_losses(resistance: JointResistance, losses: Losses) -> JointResistance:
     return replace(
         resistance,
         damping=resistance.damping if losses.damping else 0.0,

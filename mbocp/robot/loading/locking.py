@@ -62,7 +62,7 @@ def lock_joints(
     varied = [joint for joint in gone if model.names[joint] in named]
     if not varied:
         return reduced, shown, kept, ()
-    reduced, numbers = decided_by_locks(model, gone, varied, reduced, q_ref)
+    reduced, numbers = reduce_by_locks(model, gone, varied, reduced, q_ref)
     return reduced, shown, kept, numbers
 
 
@@ -143,7 +143,7 @@ def _plain(value: float | ArrayLike, kind: joints.JointKind, where: str) -> Any:
     return plain_numbers(values, units, where)
 
 
-def decided_by_locks(
+def reduce_by_locks(
     model: pin.Model, locked: Sequence[int], named: Sequence[int], reduced: pin.Model, q: Array
 ) -> tuple[pin.Model, tuple[ModelNumber, ...]]:
     """Model without the locked joints, and which of its numbers the values of some of them decide.

@@ -62,7 +62,7 @@ class ActuationTable(FrozenTable):
 Efforts: TypeAlias = PositiveFloat | tuple[FiniteFloat, FiniteFloat]  # the largest of both signs, or a range
 
 
-def _rising(effort: Efforts) -> Efforts:
+def _check_order(effort: Efforts) -> Efforts:
     if isinstance(effort, tuple) and not effort[0] < effort[1]:
         raise ValueError(f"got {list(effort)}, expected [lower, upper] with lower < upper")
     return effort
@@ -73,7 +73,7 @@ class JointActuator(FrozenTable):
 
     type: Literal["joint"]
     joint: str
-    effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_rising)] | None = None
+    effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_check_order)] | None = None
 
 
 class Wrench(FrozenTable):
@@ -103,7 +103,7 @@ class Thruster(FrozenTable):
     axis: Direction = (0.0, 0.0, 1.0)
     position: Place = (0.0, 0.0, 0.0)
     torque_ratio: Annotated[Number, KeyUnits("m")] = 0.0
-    effort: Annotated[Efforts, KeyUnits("N"), AfterValidator(_rising)] | None = None
+    effort: Annotated[Efforts, KeyUnits("N"), AfterValidator(_check_order)] | None = None
 
 
 class Tendon(FrozenTable):
@@ -113,7 +113,7 @@ class Tendon(FrozenTable):
     name: Printable
     joints: list[str] = Field(min_length=1)
     ratios: list[Number]
-    effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_rising)] | None = None
+    effort: Annotated[Efforts, KeyUnits("N, N m"), AfterValidator(_check_order)] | None = None
 
     @model_validator(mode="after")
     def _one_ratio_a_joint(self) -> Tendon:

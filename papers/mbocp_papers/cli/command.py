@@ -10,14 +10,14 @@ import typer
 from mbocp.cli import signals
 from mbocp.cli.app import Json, Quiet
 from mbocp.cli.command_examples import epilog
-from mbocp.cli.error_report import reporting
+from mbocp.cli.error_report import report_errors_of
 
 app = typer.Typer()
 _EXAMPLES = ("mbocp paper --table 1", "mbocp paper --paper so3 --figure 3")
 
 
 @app.command(epilog=epilog(_EXAMPLES))
-@reporting
+@report_errors_of
 def paper(
     which: Annotated[
         str,

@@ -32,7 +32,7 @@ def draw_snapshot(axes: Axes, letter: str, motion: Motion, t: float, *, first: b
     _force(axes, float(s.qs[n, 0]), u)
     axes.set_title(f"({letter}) $t$ = {t:g} s", loc="left")
     axes.annotate(
-        f"$u$ = {_rounded(u)} N",
+        f"$u$ = {_round(u)} N",
         (0.03, 0.94),
         xycoords="axes fraction",
         va="top",
@@ -112,5 +112,5 @@ def _force(axes: Axes, x: float, u: float) -> None:
     axes.add_patch(arrow)
 
 
-def _rounded(u: float) -> str:
+def _round(u: float) -> str:
     return f"{u:.1f}" if abs(u) >= 0.05 else "0.0"  # and not -0.0

@@ -75,7 +75,7 @@ def comparison_table(
             is_printed = number == 0  # the paper prints one form of each table
             measured = [
                 _measure(comparison, form, row.steps, strategy, printed if is_printed else None, repetitions)
-                for strategy, printed in row.measured()
+                for strategy, printed in row.measured_strategies()
             ]
             reference = measured[0].default
             blocks.append(_block(row, measured, reference, remarks))

@@ -70,7 +70,7 @@ class PrintedRow:
     printed: tuple[Printed, ...]
     auxiliary: Printed | None = None
 
-    def measured(self) -> list[tuple[Strategy, Printed]]:
+    def measured_strategies(self) -> list[tuple[Strategy, Printed]]:
         """Strategies with what is printed of them."""
         pairs = list(zip(STRATEGIES, self.printed, strict=True))
         return pairs if self.auxiliary is None else [*pairs, (AUXILIARY, self.auxiliary)]

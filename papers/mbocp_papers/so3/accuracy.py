@@ -186,7 +186,7 @@ def reference() -> Reference:
     )
     for method in (Method("rk4", "munthe_kaas", every), REFERENCE):
         stepped = stepped_programme(problem, method)
-        result, at = _solved(stepped, found), stepped.formulation.layout
+        result, at = _solve(stepped, found), stepped.formulation.layout
         if result.status is not Status.CONVERGED:
             raise ProblemError(f"Figure 12: no reference solution, {result.status}: {result.advice}")
         xs = result.iterate.xs
@@ -208,13 +208,13 @@ def _points(
     problem = _problem(rotations)
     for count in substeps:
         stepped = stepped_programme(problem, Method(scheme, lie, count))
-        results = [_solved(stepped, found)]
+        results = [_solve(stepped, found)]
         while len(results) < _REPETITIONS and sum(r.record.wall_time_s for r in results) < _LONG_ENOUGH:
-            results.append(_solved(stepped, found))
+            results.append(_solve(stepped, found))
         yield _point(stepped, results, found)
 
 
-def _solved(stepped: SteppedProgramme, start: Reference) -> SolverResult:
+def _solve(stepped: SteppedProgramme, start: Reference) -> SolverResult:
     """Solve from the reference, which keeps a solver near it."""
     solver = InteriorPoint("ipopt", _TOLERANCE, _MOST_ITERATIONS, _LONGEST)
     programme = stepped.programme

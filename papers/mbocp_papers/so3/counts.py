@@ -74,8 +74,8 @@ def step_nodes(robot: Robot, formulation: Formulation) -> StepNodes:
         mechanics = ForwardMechanics(robot, formulation.rotations)
         z, w = ca.SX.sym("z", mechanics.nq), ca.SX.sym("w", mechanics.nv)
         exponential = ca.Function("exponential", [z, w], [ca.densify(mechanics.integrate(z, w))])
-        last, merged_last = exponential.n_nodes(), _merged(exponential)
-    return StepNodes(whole.n_nodes() - last, last, _merged(whole) - merged_last, merged_last)
+        last, merged_last = exponential.n_nodes(), _count_merged(exponential)
+    return StepNodes(whole.n_nodes() - last, last, _count_merged(whole) - merged_last, merged_last)
 
 
 def nodes_table() -> PaperTable:
@@ -99,7 +99,7 @@ def nodes_table() -> PaperTable:
     )
 
 
-def _merged(function: ca.Function) -> int:
+def _count_merged(function: ca.Function) -> int:
     inputs = function.sx_in()
     merged = ca.Function(function.name(), inputs, ca.cse(list(function.call(inputs))))
     return int(merged.n_nodes())

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from mbocp._arrays import Array
 from mbocp.view.figures.style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
 from mbocp_papers.so3.data import FORMULATIONS
-from mbocp_papers.so3.motions import drift_of, resimulated, task_motion
+from mbocp_papers.so3.motions import drift_of, resimulate, task_motion
 from mbocp_papers.so3.request import Request, Say
 
 _FLOOR = 1e-17  # where exact zeros are drawn
@@ -37,7 +37,7 @@ def drift_figure(_request: Request, say: Say = str) -> Figure:
             say(f"Figure 9: {one.label}")
             motion = task_motion(one.label)
             t, solved = motion.solution.t, motion.solution.manifold_drifts
-            again = drift_of(motion.problem, resimulated(motion.problem, motion.solution.us))
+            again = drift_of(motion.problem, resimulate(motion.problem, motion.solution.us))
             handles.append(_curve(axes, t, solved, _COLOURS[one.lie], "-"))
             _curve(axes, t, again, _COLOURS[one.lie], (0, (1, 1.1)))
             names.append(one.label)

@@ -50,7 +50,7 @@ def task_motion(label: str) -> Motion:
     return Motion(problem, solution)
 
 
-def resimulated(problem: Problem, us: Array) -> Array:
+def resimulate(problem: Problem, us: Array) -> Array:
     """Coordinates of the configurations, integrated from the start with controls, shape (N + 1, nz).
 
     What the integrator makes of the controls, without what a solver leaves open.

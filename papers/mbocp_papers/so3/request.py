@@ -76,7 +76,7 @@ def lattice_outcomes(request: Request, say: Say = str) -> Outcomes:
     """
     path = request.rows
     if path.exists() and not request.resume:
-        return outcomes_of(_loaded(path, path.stat().st_mtime_ns))
+        return outcomes_of(_load(path, path.stat().st_mtime_ns))
     study = lattice_study(request.lattice, request.variant, request.solver)
     if not path.parent.is_dir():
         if request.results is not None:
@@ -92,6 +92,6 @@ def lattice_outcomes(request: Request, say: Say = str) -> Outcomes:
 
 
 @lru_cache(maxsize=2)
-def _loaded(path: Path, _changed: int) -> StudyResult:
+def _load(path: Path, _changed: int) -> StudyResult:
     """Rows of a file, read once for all figures as long as it does not change."""
     return StudyResult.load(path)

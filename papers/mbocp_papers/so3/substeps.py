@@ -166,7 +166,7 @@ class _Stage:
         zero = ca.MX.zeros(self.m.shape)
         curved = self._base["complete"].call([*before, zero, self.theta, self.rho])
         states, jacobians = self._forward()
-        c, dc_dz = self._rows(states[-1]), self._row_slopes(self._chained(jacobians)[-1])
+        c, dc_dz = self._rows(states[-1]), self._row_slopes(self._chain_up(jacobians)[-1])
         hessian = ca.triu(curved[4] + self._hessian(states, jacobians))
         return {
             "values": ca.Function("values", given, [self._rows(self._last()), costs[1]]),
@@ -194,7 +194,7 @@ class _Stage:
             jacobians.append(jacobian)
         return states, jacobians
 
-    def _chained(self, jacobians: list[ca.MX]) -> list[ca.MX]:
+    def _chain_up(self, jacobians: list[ca.MX]) -> list[ca.MX]:
         """Derivatives of the states in the first state and the control."""
         size = self._num + self._nu
         first = ca.DM.eye(size)[: self._num, :]
@@ -218,7 +218,7 @@ class _Stage:
     def _hessian(self, states: list[ca.MX], jacobians: list[ca.MX]) -> ca.MX:
         """Second derivative of m'c in (x1, x0, u)."""
         at, n, size = self._at, self._num, self._num + self._nu
-        slopes, below = self._chained(jacobians), ca.DM.eye(size)[n:, :]
+        slopes, below = self._chain_up(jacobians), ca.DM.eye(size)[n:, :]
         adjoint, total = self.m[:n], ca.MX(size, size)
         for k in reversed(range(self._substeps)):
             upper = self._step["step_hessian"](ca.vertcat(states[k], self.u), adjoint, self._h, self._gains)

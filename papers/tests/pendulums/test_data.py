@@ -31,7 +31,7 @@ def test_rows_fit_their_step_size(table) -> None:
         each, once = DOF[table.number]
         assert row.dof == each * row.steps + once
         assert len(row.printed) == len(STRATEGIES)
-        for strategy, printed in row.measured():
+        for strategy, printed in row.measured_strategies():
             assert len(printed.iterations) == (2 if strategy.is_hybrid else 1)
             assert printed.seconds > 0.0
 

@@ -122,10 +122,12 @@ class _Reader:
             parent = joint.parent if joint.child == name else joint.child
             body.parent = None if parent == WORLD else parent
             body.placement = (base if parent == WORLD else at[parent].inverse()) * at[name]
-            body.joints = list(self._moving(joint, at[name].actInv(joint.placement), joint.child == name))
+            body.joints = list(
+                self._tree_joints(joint, at[name].actInv(joint.placement), joint.child == name)
+            )
         found.bodies.append(body)
 
-    def _moving(self, joint: Joint, anchor: pin.SE3, is_forward: bool) -> Iterator[TreeJoint]:
+    def _tree_joints(self, joint: Joint, anchor: pin.SE3, is_forward: bool) -> Iterator[TreeJoint]:
         """The joints of a model that a joint of the file is; placed in the body, in its axes."""
         if joint.kind == "fixed":
             return

@@ -170,16 +170,16 @@ def _parts(
     """What a model has as parts of the one around it, and the frame that stands for it."""
     inside, prefix = (f"_merged__{name}__model__", "") if is_merged else (name, f"{name}::")
 
-    def called(word: str) -> str:
+    def full_name(word: str) -> str:
         return inside if word == MODEL else word if word in ("", WORLD) else f"{prefix}{word}"
 
     parts = [each for each in model if each.tag in (*PLACED, "plugin")]
     first = next((each.get("name", "") for each in parts if each.tag == "link"), "")
-    carrier = called(model.get("canonical_link", first))
+    carrier = full_name(model.get("canonical_link", first))
     for part in parts:
         if part.tag == "link" or (part.tag == "frame" and not part.get("attached_to")):
             _place_in_model(part)
-        _rename(part, called)
+        _rename(part, full_name)
     frame = ElementTree.Element("frame", {"name": inside, **({"attached_to": carrier} if carrier else {})})
     if pose is not None:
         frame.append(deepcopy(pose))
@@ -187,15 +187,15 @@ def _parts(
     return [frame, *parts]
 
 
-def _rename(part: ElementTree.Element, called: Callable[[str], str]) -> None:
+def _rename(part: ElementTree.Element, full_name: Callable[[str], str]) -> None:
     """Give a part, and what it names, the names that they have in the model around."""
     if part.tag in PLACED:
-        part.set("name", called(part.get("name", "")))
+        part.set("name", full_name(part.get("name", "")))
     for element in part.iter():
         names = ("joint",) if element.tag == "mimic" else _NAMES
-        element.attrib.update({key: called(element.attrib[key]) for key in names if key in element.attrib})
+        element.attrib.update({key: full_name(element.attrib[key]) for key in names if key in element.attrib})
     for end in (each for each in part if each.tag in _ENDS.get(part.tag, ())):
-        end.text = called((end.text or "").strip())
+        end.text = full_name((end.text or "").strip())
 
 
 def _place_in_model(part: ElementTree.Element) -> None:
