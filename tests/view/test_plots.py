@@ -199,6 +199,17 @@ def test_of_many_rows_of_the_path_those_that_pull_are_shown() -> None:
     assert max(np.abs(line.get_ydata()).max() for line in rows.lines) == np.abs(many.lam_path).max()
 
 
+def test_long_names_leave_the_columns_of_a_page_as_wide_as_each_other() -> None:
+    names = ("velocity of base_link.y", "velocity of right_wheel.x", "frame_acceleration of base_link.x")
+    lam_path = np.outer(np.linspace(-1.0, 1.0, 20), [1.0, 2.0, 3.0])
+    figure = overview(limited(lam_path=lam_path, path_names=names))
+    figure.draw_without_rendering()
+    (axes,) = (one for one in figure.axes if one.get_title(loc="left").startswith("Multiplier of the path"))
+    assert axes.get_legend().get_window_extent().x1 <= axes.get_window_extent().x1
+    widths = [one.get_position().width for one in figure.axes]
+    assert max(widths) == pytest.approx(min(widths), rel=0.01)
+
+
 def test_exponents_stand_beside_legends() -> None:
     figure = plot_multipliers(pendulum(zetas=np.outer(np.linspace(-1e5, 1e5, 100), [1.0])))
     FigureCanvasAgg(figure).draw()

@@ -29,6 +29,7 @@ WARNING = "#B03A00"
 SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 160  # of files and of the layout: how wide text is in inches depends on it
 _FLOOR = 0.09  # of the axes' height, for the names of phases
+_LETTER, _HANDLE, _BESIDE_AXES = 0.056, 0.45, 0.8  # [inch] of legends; of labels and ticks beside a panel
 _GAP = 0.06  # [inch] between a panel with its labels and its neighbours or the edge of the page
 
 _DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (5, 1.2, 1, 1.2)))
@@ -140,8 +141,11 @@ def shorten(names: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def strip_legend(axes: Axes, handles: Sequence[Any], names: Sequence[str], *, per_row: int = 4) -> None:
-    """Put a legend between the title and the data, where it covers neither; `names` may hold mathematics."""
-    rows = math.ceil(len(names) / per_row)
+    """Put a legend between the title and the data, where it covers neither; `names` may hold mathematics.
+
+    It is no wider than the panel: else the layout would make room for it at the cost of the others.
+    """
+    rows = math.ceil(len(names) / min(per_row, _most_per_row(axes, names)))
     axes.legend(
         handles,
         list(names),
@@ -155,6 +159,16 @@ def strip_legend(axes: Axes, handles: Sequence[Any], names: Sequence[str], *, pe
         columnspacing=1.1,
     )
     axes.set_title(axes.get_title(loc="left"), loc="left", pad=5 + 11 * rows)
+
+
+def _most_per_row(axes: Axes, names: Sequence[str]) -> int:
+    """How many names a row of a panel's legend has room for."""
+    place, figure = axes.get_subplotspec(), axes.figure
+    assert place is not None  # panels are places of a grid
+    assert isinstance(figure, Figure)
+    part = len(place.colspan) / place.get_gridspec().ncols
+    width = part * figure.get_size_inches()[0] - _BESIDE_AXES
+    return max(1, int(width / (_LETTER * max(map(len, names)) + _HANDLE)))
 
 
 def finish_axes(axes: Axes, *, title: str, ylabel: str, xlabel: str = "time $t$ [s]") -> None:
