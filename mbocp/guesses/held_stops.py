@@ -15,142 +15,29 @@ feet stand, but for those from which it jumps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, IntArray, dataclass, null_space
-from mbocp._tolerances import RANK_TOLERANCE
+from mbocp._arrays import Array, dataclass
 from mbocp.guesses.footholds import Landing, footholds, takeoffs
 from mbocp.guesses.stop import Stop, first_of, instant
+from mbocp.guesses.ties import Ties, tie_key, with_joints
 from mbocp.guesses.ways import position_limits
 from mbocp.problem import Goal, Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
-from mbocp.robot.kinematics import frame_jacobian
-from mbocp.robot.loops.kinds.constraint import Constraint
-from mbocp.robot.loops.projection import attitude_rows, closure_by_angle, components, reduce_rows
-from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows, placements_of
+from mbocp.robot.loops.projection import components
+from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows
 from mbocp.robot.poses.pose_search import JointBounds, joint_bounds, reach
 from mbocp.robot.walking import walking_bodies
 
 _TOLERANCE = 1e-9  # [m, rad]
-_FITTED = 1e-12  # [m, rad] within which holds are kept: another step would change nothing of a solve
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
 _QUATERNION = 4  # numbers; pairs of cosine and sine have one sign
-_DECIDED = 1e-6  # part of a joint in the motions that are left when motors stand still
-
-
-@dataclass(frozen=True, eq=False)
-class _Ties:
-    """What holds at an instant, from where it was at the nodes before, whose configurations are known."""
-
-    table: SwitchTable
-    own: BoolArray
-    rows: BoolArray
-    anchors: IntArray
-    qs: Array
-
-    @classmethod
-    def at(cls, table: SwitchTable, node: int, qs: Array) -> _Ties:
-        """Of the step to a node, and what is to coincide because it is taken on before the next one."""
-        last = len(table.rows)
-        after = next((n for n in range(node, last) if not table.is_impact[n]), last - 1)
-        own: BoolArray = np.asarray(table.own[node - 1 : after + 1].any(axis=0))
-        rows = table.rows[node - 1].copy()
-        for begin in table.begins:
-            if node <= begin.step <= after and not begin.frame.is_anchored and begin.frame in table.held:
-                rows |= _rows_of(table, begin.frame) & table.rows[begin.step]
-        return cls(table, own, rows, np.where(table.rows[node - 1], table.anchors[node - 1], -1), qs)
-
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return int(self.own.sum() + self.rows.sum())
-
-    def residual(self, q: Array) -> Array:
-        """Rows at a configuration, shape (count,).
-
-        Those of attitudes are rotation vectors, as their equations vanish at half turns, too.
-        """
-        found = np.zeros(len(self.rows))
-        for anchor in np.unique(self.anchors[self.rows]):
-            mine = self.rows & (self.anchors == anchor)
-            known = q if anchor < 0 else self.qs[anchor]
-            found[mine] = self.table.residuals(q[None], known[None])[0][mine]
-        for (_, at), before, turn in zip(self._attitudes, self._turns_before, self._turns(q), strict=True):
-            found[at] = pin.log3(before.T @ turn)
-        if not self.own.any():
-            return found[self.rows]
-        own = closure_by_angle(self.table.robot, q)[0][self._kept_rows]
-        return np.concatenate([own, found[self.rows]])
-
-    def jacobian(self, q: Array) -> Array:
-        """Their derivative, of rotation vectors the angular velocity, shape (count, nv)."""
-        robot, found = self.table.robot, self.table.jacobians(q[None])[0]
-        for (constraint, at), turn in zip(self._attitudes, self._turns(q), strict=True):
-            in_a, in_b = (frame_jacobian(robot.model, q, k, pin.LOCAL)[3:] for k in constraint.frame_ids)
-            found[at] = in_a - turn.T @ in_b
-        if not self.own.any():
-            return found[self.rows]
-        own = closure_by_angle(robot, q)[1]()[self._kept_rows]
-        return np.vstack([own, found[self.rows]])
-
-    @cached_property
-    def _kept_rows(self) -> IntArray:
-        """Rows of the robot's own constraints that act, among all of them."""
-        return np.array(self.table.robot.kept_rows, dtype=np.intp)[self.own]
-
-    @cached_property
-    def _attitudes(self) -> list[tuple[Constraint, slice]]:
-        """What keeps an attitude, and the rows of its rotation."""
-        kept = attitude_rows(frame.constraint for frame in self.table.held)
-        return [(constraint, at) for constraint, at in kept if self.rows[at].any()]
-
-    @cached_property
-    def _turns_before(self) -> list[Array]:
-        """Of each of these, the attitude in which it is held."""
-        anchors = [self.anchors[at.start] for _, at in self._attitudes]
-        turns = {anchor: self._turns(self.qs[anchor]) for anchor in set(anchors) if anchor >= 0}
-        return [turns[anchor][k] if anchor >= 0 else np.eye(3) for k, anchor in enumerate(anchors)]
-
-    def _turns(self, q: Array) -> list[Array]:
-        """Of each of these, axes of its first frame in those of the second, shape (3, 3)."""
-        pairs = [constraint.frame_ids for constraint, _ in self._attitudes]
-        return [place.rotation for place in placements_of(self.table.robot.model, q, pairs)]
-
-    def fit(self, q: Array) -> Array:
-        """The configuration moved so that the rows hold, shape (nq,)."""
-        robot, rows = self.table.robot, range(self.count)
-
-        def what(_: object, at: Array) -> tuple[Array, Callable[[], Array]]:
-            return self.residual(at), lambda: self.jacobian(at)
-
-        follows = _follows(robot)
-        if follows.any() and _suffices(self.jacobian(q), follows):
-            q = reduce_rows(robot, q, follows, rows, what, _FITTED)
-        return reduce_rows(robot, q, np.ones(robot.nv, dtype=np.bool_), rows, what, _FITTED)
-
-    def lead(self, q: Array, before: Array) -> Array:
-        """The configuration, with joints that motors decide by what holds where they were before.
-
-        They are near there; on the line, a body may be half a turn away from the frame that holds it, where
-        rows of a weld vanish, too.
-        """
-        robot, follows = self.table.robot, _follows(self.table.robot)
-        if not follows.any():
-            return q
-        open_ways = null_space(self.jacobian(before)[:, follows], RANK_TOLERANCE)
-        decided = np.zeros(robot.nv, dtype=np.bool_)
-        decided[follows] = np.abs(open_ways).max(axis=1, initial=0.0) < _DECIDED
-        names = [name for name in robot.joint_names if decided[robot.velocity_indices(name)].all()]
-        return _with(robot, q, before, names)
-
-    def apart(self, q: Array) -> float:
-        """The largest residual [m, rad]."""
-        return float(np.abs(self.residual(q)).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +45,7 @@ class _StopRows:
     """What is asked for at a stop, with what holds there, see `mbocp.robot.poses.pose_search.ReachRows`."""
 
     poses: PoseRows
-    ties: _Ties
+    ties: Ties
 
     @property
     def model(self) -> pin.Model:
@@ -167,11 +54,11 @@ class _StopRows:
 
     def residual(self, q: Array) -> Array:
         """Rows of the poses, and weighted ones of what holds."""
-        return np.append(self.poses.pose_residual(q), CLOSURE_WEIGHT * self.ties.residual(q))
+        return np.append(self.poses.pose_residual(q), CLOSURE_WEIGHT * self.ties.residuals(q[None])[0])
 
     def jacobian(self, q: Array) -> Array:
         """Their derivative."""
-        return np.vstack([self.poses.pose_jacobian(q), CLOSURE_WEIGHT * self.ties.jacobian(q)])
+        return np.vstack([self.poses.pose_jacobian(q), CLOSURE_WEIGHT * self.ties.jacobians(q[None])[0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +80,7 @@ class _Stops:
         found, before = [raw[0]], raw[0].q
         for stop in raw[1:]:
             q, before = _stop_configuration(robot, found[-1].q, before, stop), stop.q
-            ties = _Ties.at(self.table, stop.node, qs)
+            ties = Ties.at(self.table, stop.node, qs)
             if landing := self.landings.get(stop.node):
                 q = self._land(ties, landing, stop.goal)
             elif ties.count:
@@ -202,11 +89,11 @@ class _Stops:
             found.append(Stop(stop.node, q, stop.goal))
         return found
 
-    def _settle(self, ties: _Ties, q: Array, before: Array, goal: Goal | None) -> Array:
+    def _settle(self, ties: Ties, q: Array, before: Array, goal: Goal | None) -> Array:
         """A configuration that fits, at what is asked for where that can be."""
         robot = self.problem.robot
         if goal is None or not (goal.q_active.any() or goal.poses):
-            return ties.fit(q)
+            return ties.fit(q[None])[0]
         targets = [frame.target for frame in goal.poses]
         rows, written = _StopRows(PoseRows(robot, targets), ties), robot.joints_with(goal.q_active)
         bounds = self._bounds
@@ -220,10 +107,10 @@ class _Stops:
             if has_arrived:
                 break
         if best is not None:
-            q = _with(robot, bounds.unwind(best, before), q, written)
-        return ties.fit(q)
+            q = with_joints(robot, bounds.unwind(best, before), q, written)
+        return ties.fit(q[None])[0]
 
-    def _land(self, ties: _Ties, landing: Landing, goal: Goal | None) -> Array:
+    def _land(self, ties: Ties, landing: Landing, goal: Goal | None) -> Array:
         """A configuration in which feet land where they are wanted: by the legs, or by all joints."""
         robot, said = self.problem.robot, () if goal is None else goal.poses
         targets = [frame.target for frame in said] + list(landing.targets)
@@ -231,15 +118,15 @@ class _Stops:
         q, has_arrived = reach(rows, bounds.clip(landing.q), bounds, walking_bodies(robot), _TOLERANCE)
         if not has_arrived:
             q, _ = reach(rows, q, bounds, np.zeros(robot.nv, dtype=np.bool_), _TOLERANCE)
-        return ties.fit(q)
+        return ties.fit(q[None])[0]
 
     def _starts(self, q: Array, before: Array, written: Sequence[str]) -> Iterator[Array]:
         """The line's configuration, the stop before, random ones; with the joints that are written."""
         robot, rng, bounds = self.problem.robot, np.random.default_rng(0), self._bounds
         yield q
-        yield _with(robot, before, q, written)
+        yield with_joints(robot, before, q, written)
         for _ in range(_RESTARTS):
-            yield _with(robot, bounds.random(robot.model, before, rng), q, written)
+            yield with_joints(robot, bounds.random(robot.model, before, rng), q, written)
 
 
 def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop]:
@@ -278,14 +165,19 @@ def carry(problem: Problem, qs: Array) -> Array:
     if table is None:
         return qs
     found = np.array(qs)
-    for node in range(1, len(qs)):
-        if table.is_impact[node - 1]:
-            found[node] = found[node - 1]
+    for _, group in groupby(range(1, len(qs)), lambda node: tie_key(table, node)):
+        nodes = list(group)
+        first = nodes[0]
+        if table.is_impact[first - 1]:
+            found[first] = found[first - 1]
             continue
-        ties = _Ties.at(table, node, found)
-        if ties.count and ties.apart(qs[node]) > _TOLERANCE:
-            found[node] = ties.fit(ties.lead(qs[node], found[node - 1]))
-        found[node] = _with_signs(problem.robot, found[node], found[node - 1])
+        ties = Ties.at(table, first, found)
+        apart = np.abs(ties.residuals(qs[nodes])).max(axis=1, initial=0.0) > _TOLERANCE
+        if apart.any():
+            led = [ties.lead(q, found[first - 1]) for q in qs[nodes][apart]]
+            found[np.array(nodes)[apart]] = ties.fit(np.array(led))
+        for node in nodes:
+            found[node] = _with_signs(problem.robot, found[node], found[node - 1])
     return found
 
 
@@ -309,16 +201,7 @@ def _stop_configuration(robot: Robot, now: Array, before: Array, stop: Stop) -> 
     moved, goal = np.abs(robot.difference(before, stop.q)) > 0.0, stop.goal
     if goal is not None:
         moved = goal.q_active | (moved & bool(goal.poses))
-    return _with(robot, now, stop.q, robot.joints_with(moved))
-
-
-def _with(robot: Robot, q: Array, other: Array, joints: Sequence[str]) -> Array:
-    """A configuration with some joints as in another."""
-    found = np.array(q)
-    for name in joints:
-        at = robot.configuration_indices(name)
-        found[at] = other[at]
-    return found
+    return with_joints(robot, now, stop.q, robot.joints_with(moved))
 
 
 def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
@@ -328,26 +211,6 @@ def _with_signs(robot: Robot, q: Array, before: Array) -> Array:
         if at.stop - at.start == _QUATERNION and found[at] @ before[at] < 0.0:
             found[at] = -found[at]
     return found
-
-
-def _suffices(J: Array, chosen: BoolArray) -> bool:
-    """Whether some velocity components can do what all can of some rows."""
-    few, all_of_them = (np.linalg.matrix_rank(part, RANK_TOLERANCE) for part in (J[:, chosen], J))
-    return bool(few == all_of_them)
-
-
-def _follows(robot: Robot) -> BoolArray:
-    """Velocity components that no motor or drive moves, but for bodies on legs, shape (nv,)."""
-    has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
-    has_motor[list(robot.driven)] = True
-    found: BoolArray = ~(has_motor | walking_bodies(robot))
-    return found
-
-
-def _rows_of(table: SwitchTable, frame: object) -> BoolArray:
-    """Rows of one of the held frames."""
-    owners = [held for held in table.held for _ in held.rows]
-    return np.array([owner is frame for owner in owners], dtype=np.bool_)
 
 
 def _between(problem: Problem, raw: Sequence[Stop], clock: Array, node: int) -> Array:

@@ -113,18 +113,30 @@ def held_jacobian(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX) -> 
 
 def held_jacobians(robot: Robot, held: Sequence[HeldFrame], qs: Array) -> Array:
     """J at n configurations, shape (n, rows, nv)."""
-    function = _along(_functions(robot, tuple(held))[1], len(qs))
-    found = np.asarray(function(qs.T)).reshape(-1, len(qs), robot.nv)
-    return np.ascontiguousarray(found.transpose(1, 0, 2))
+    found = _along(_functions(robot, tuple(held))[1], qs).reshape(len(qs), robot.nv, -1)
+    return np.ascontiguousarray(found.transpose(0, 2, 1))
 
 
 def held_residuals(robot: Robot, held: Sequence[HeldFrame], qs: Array, anchors: Array) -> Array:
     """Phi at n configurations from n anchors, shape (n, rows) [m, rad]."""
-    return np.asarray(_along(_functions(robot, tuple(held))[0], len(qs))(qs.T, anchors.T)).T
+    return _along(_functions(robot, tuple(held))[0], qs, anchors)
 
 
-def _along(function: ca.Function, count: int) -> ca.Function:
-    return function if count == 1 else function.map(count)
+def _along(function: ca.Function, *arguments: Array) -> Array:
+    """Numbers of a function, column by column, at n rows of its arguments, shape (n, numbers).
+
+    They are read and written where they are: to make matrices of CasADi of them takes ten times as long.
+    """
+    buffer: Any
+    buffer, evaluate = function.buffer()
+    rows = [np.array(argument, dtype=np.float64, order="C") for argument in arguments]
+    found = np.empty((len(rows[0]), function.nnz_out(0)))
+    for node, numbers in enumerate(found):
+        for place, argument in enumerate(rows):
+            buffer.set_arg(place, argument[node].data)
+        buffer.set_res(0, numbers.data)
+        evaluate()
+    return found
 
 
 @lru_cache(maxsize=_KEPT)
@@ -132,7 +144,6 @@ def _functions(robot: Robot, held: tuple[HeldFrame, ...]) -> tuple[ca.Function, 
     mechanics = JointMechanics(robot)
     q, anchor = ca.SX.sym("q", robot.nq), ca.SX.sym("anchor", robot.nq)
     rows, jacobian = held_rows(held, mechanics, q, anchor), held_jacobian(held, mechanics, q)
-    # Columns of the Jacobian one after the other: maps join them sideways.
     return (
         ca.Function("rows", [q, anchor], [ca.densify(rows)]),
         ca.Function("jacobian", [q], [ca.densify(jacobian)]),

@@ -219,7 +219,7 @@ def find_independent_rows(
     """
     if not wanted.any():
         return wanted
-    qs = _poses(robot, q)
+    qs = poses_around(robot, q)
     jacobians = held_jacobians(robot, held, qs)[:, wanted]
     loops = np.array([robot.constraint_jacobian(at)[own] for at in qs]).reshape(len(qs), -1, robot.nv)
     best = max((_independent(*pair) for pair in zip(loops, jacobians, strict=True)), key=len)
@@ -228,16 +228,11 @@ def find_independent_rows(
     return found
 
 
-def is_moved(robot: Robot, q: Array, frame: HeldFrame) -> bool:
-    """Whether motions of the robot change what is held, at the configuration or around it.
+def poses_around(robot: Robot, q: Array) -> Array:
+    """Return the configuration, and some around it in which loops stay closed, shape (n, nq).
 
     An arm that is stretched out up moves its tip in no height at first.
     """
-    return bool(np.abs(held_jacobians(robot, (frame,), _poses(robot, q))).max() > CONSISTENCY_TOLERANCE)
-
-
-def _poses(robot: Robot, q: Array) -> Array:
-    """The configuration, and some around it; loops stay closed."""
     rng, every = np.random.default_rng(0), np.arange(robot.nv)
     away = [robot.integrate(q, rng.normal(scale=_SPREAD, size=robot.nv)) for _ in range(_NUM_POSES)]
     if robot.nc:

@@ -200,7 +200,7 @@ class Robot(Mechanism):
             The reference frame.
         """
         at = self.q0 if q is None else self._vector(q, self.nq, "q")
-        return placements_of(self.model, at, [(self.frame_id(frame), self.frame_id(relative_to))])[0]
+        return placements_of(self.model, at[None], [(self.frame_id(frame), self.frame_id(relative_to))])[0][0]
 
     def inverse_kinematics(
         self,

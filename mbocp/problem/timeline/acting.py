@@ -10,7 +10,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, InvalidValue, ProblemError, suggest
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.held_frames import HeldFrame, held_jacobians
-from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, find_independent_rows, is_moved
+from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, find_independent_rows, poses_around
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.timeline.hold import Hold, Release, Schedule, Spans, holds_in
 from mbocp.problem.timeline.switches import Begin, SwitchTable, rows_of_frames
@@ -114,14 +114,17 @@ def _begin_again(robot: Robot, releases: Sequence[Release], num_steps: int) -> l
 
 
 def _check_holds_something(robot: Robot, holds: Sequence[Hold], held: Sequence[HeldFrame], q: Array) -> None:
-    for hold, frame in zip(holds, held, strict=True):
-        if not is_moved(robot, q, frame):
+    if not held:
+        return
+    moved = np.abs(held_jacobians(robot, held, poses_around(robot, q))).max(axis=2) > CONSISTENCY_TOLERANCE
+    for hold, where in zip(holds, rows_of_frames(held), strict=True):
+        if not moved[:, where].any():
             raise ProblemError(
                 f"hold {hold.name!r}: nothing moves frame {hold.frame!r} against {hold.to!r}; hold another "
                 "frame, or leave it out"
             )
         from_start = any(first == 0 for first, _ in hold.spans)
-        if from_start and not np.abs(held_jacobians(robot, (frame,), q[None])).max() > CONSISTENCY_TOLERANCE:
+        if from_start and not moved[0, where].any():
             raise ProblemError(
                 f"hold {hold.name!r}: the start is a singular pose, in which nothing moves frame "
                 f"{hold.frame!r} against {hold.to!r}; begin in another one"

@@ -18,24 +18,16 @@ from mbocp._arrays import Array, null_space
 from mbocp._text import quote_all
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
-from mbocp.robot import kinematics
 from mbocp.robot.large import working_data
 from mbocp.robot.loops.kinds.constraint import Constraint
+from mbocp.robot.loops.reduction import CLOSURE_TOLERANCE, metrics_of, reduce_rows, shortest_steps
 from mbocp.robot.mechanism import Mechanism
 
 _Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
 
 REDUNDANT_ROW_TOLERANCE = 1e-4  # [m, rad, m^2] of rows that others imply: files have six digits
 
-_CLOSURE_TOLERANCE = 1e-10  # [m, rad, m^2] of the rows that are kept; 1e-15 is usual
-_ROUND_OFF = 1e-15
-_MAX_ITERATIONS = 60  # quadratic at the end: six to ten are typical
-# At a local minimum: iterations in a row that leave more than this part of the residual.
-_MAX_STALLED, _STALL_RATIO = 4, 0.995
-_MAX_STEP = 0.4  # [rad, m] of one joint within an iteration
 _MAX_ATTEMPTS = 4  # the first from the given pose, the others from around it
-_REGULARISATION = 1e-6  # of the largest inertia: added to the diagonal of a singular mass matrix
-_MIN_SINGULAR_VALUE = 1e-100  # below, the square of a singular value underflows
 _STRIDE, _MIN_STRIDE = 0.1, 1e-3  # [rad, m] of one joint in a step of a continuation
 _MAX_STRIDE = 1.0  # [rad, m] where the correction is below _STRAIGHT_RATIO of the step
 _STRAIGHT_RATIO, _MAX_BEND_RATIO = 0.1, 0.5  # correction by length of the step
@@ -45,7 +37,7 @@ _MAX_WELD_ANGLE = 0.5  # [rad] beyond, the rows of a weld may vanish at another 
 
 
 def assemble(
-    robot: Mechanism, q: Array, fixed: Sequence[str] = (), allowed: float = _CLOSURE_TOLERANCE
+    robot: Mechanism, q: Array, fixed: Sequence[str] = (), allowed: float = CLOSURE_TOLERANCE
 ) -> Array:
     """Nearest configuration that closes the loops but for `allowed`, see `Robot.assemble`."""
     free = ~components(robot, fixed)
@@ -77,8 +69,10 @@ def assemble_velocity(robot: Mechanism, q: Array, v: Array, held: NDArray[np.boo
         return v
     free = ~held
     jacobian, out = robot.constraint_jacobian(q), np.array(v)
+    metric = metrics_of(robot, q[None])[:, free][:, :, free]
     for _ in range(2):  # the second removes the round-off of the first
-        out[free] += _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian[:, free], -jacobian @ out, 0.0)
+        missing = -(jacobian @ out)[None]
+        out[free] += shortest_steps(metric, jacobian[None, :, free], missing, np.zeros(1))[0]
     return out
 
 
@@ -131,61 +125,20 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
     Where frames of a weld are far from each other's orientation, first by the angle between them: the rows of
     the weld vanish at half turns, too.
     """
+    chosen = list(rows)
+
+    def reduce(q: Array, what: _Residual) -> Array:
+        def residuals(qs: Array) -> Array:
+            return np.array([what(robot, q)[0][chosen] for q in qs])
+
+        def jacobians(qs: Array) -> Array:
+            return np.array([what(robot, q)[1]()[chosen] for q in qs])
+
+        return reduce_rows(robot, q[None], free, residuals, jacobians)[0]
+
     if any(angle > _MAX_WELD_ANGLE for _, angle in _turns(robot, q)):
-        q = reduce_rows(robot, q, free, rows, closure_by_angle)
-    return reduce_rows(robot, q, free, rows, _by_rows)
-
-
-def reduce_rows(
-    robot: Mechanism,
-    q: Array,
-    free: NDArray[np.bool_],
-    rows: Sequence[int],
-    what: _Residual,
-    enough: float = _ROUND_OFF,
-) -> Array:
-    """Reduce some rows of a residual as far as possible, by the free velocity components.
-
-    Parameters
-    ----------
-    q : ndarray, shape (nq,)
-    free : ndarray of bool, shape (nv,)
-    rows : sequence of int
-    what : callable
-        From the mechanism and q to the residual and a function that computes its derivative, with columns in
-        tangent coordinates.
-    enough : float
-        Residual below which it ends [m, rad].
-
-    Returns
-    -------
-    q : ndarray, shape (nq,)
-        Moved by steps that are the shortest in the norm of the mass matrix.
-    """
-    chosen, damping, stalled = list(rows), 0.0, 0
-    found, derivative = what(robot, q)
-    residual = found[chosen]
-    for _ in range(_MAX_ITERATIONS):
-        if np.abs(residual).max(initial=0.0) < enough or stalled == _MAX_STALLED:
-            break
-        jacobian = derivative()[chosen][:, free]
-        step = np.zeros(robot.nv)
-        step[free] = _shortest(_metric(robot, q)[np.ix_(free, free)], jacobian, -residual, damping)
-        step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max(initial=0.0)), _MAX_STEP))
-        tried = robot.integrate(q, step)
-        found, derivative_there = what(robot, tried)
-        after = found[chosen]
-        with np.errstate(over="ignore", invalid="ignore"):  # squares of lengths beyond 1e154 m: no progress
-            share = np.linalg.norm(after) / np.linalg.norm(residual)
-        if share < 1.0:
-            stalled = stalled + 1 if share > _STALL_RATIO else 0
-            q, residual, derivative = tried, after, derivative_there
-            damping = damping / 10.0 if damping > 1e-8 else 0.0
-        elif np.abs(residual).max() < _CLOSURE_TOLERANCE or damping > 1e3:
-            break
-        else:
-            damping = max(10.0 * damping, 1e-4)
-    return q
+        q = reduce(q, closure_by_angle)
+    return reduce(q, _by_rows)
 
 
 def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
@@ -220,7 +173,7 @@ def closure_by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Ar
 
 
 def violations(
-    robot: Mechanism, q: Array, allowed: float = _CLOSURE_TOLERANCE
+    robot: Mechanism, q: Array, allowed: float = CLOSURE_TOLERANCE
 ) -> list[tuple[str, float, str]]:
     """Name, residual and unit of each row that q violates, the worst first.
 
@@ -305,29 +258,6 @@ def _with(robot: Mechanism, q: Array, target: Array, chosen: NDArray[np.bool_]) 
         if where.stop > where.start and chosen[where].all():
             out[robot.configuration_indices(name)] = target[robot.configuration_indices(name)]
     return out
-
-
-def _metric(robot: Mechanism, q: Array) -> Array:
-    """Mass matrix; where it is singular, with a little inertia for all."""
-    mass = robot.mass_matrix(q)
-    if not kinematics.is_singular(mass):
-        return mass
-    least = _REGULARISATION * float(np.diag(mass).max(initial=0.0)) or 1.0
-    return mass + least * np.eye(robot.nv)
-
-
-def _shortest(metric: Array, jacobian: Array, wanted: Array, damping: float) -> Array:
-    """Step with J step = wanted that is the shortest in a metric; with damping, shorter."""
-    if not metric.size:
-        return np.zeros(0)
-    root = np.linalg.cholesky(metric)
-    scaled = np.linalg.solve(root, jacobian.T).T  # J L^-T
-    u, singular, vt = np.linalg.svd(scaled, full_matrices=False)
-    largest = float(singular.max(initial=0.0))
-    used = singular > max(RANK_TOLERANCE * largest, _MIN_SINGULAR_VALUE)
-    inverse = np.zeros_like(singular)
-    inverse[used] = singular[used] / (singular[used] ** 2 + damping * largest**2)
-    return np.linalg.solve(root.T, vt.T @ (inverse * (u.T @ wanted)))
 
 
 def _error(robot: Mechanism, q: Array, fixed: Sequence[str], allowed: float) -> LoopNotClosed:

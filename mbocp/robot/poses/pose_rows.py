@@ -150,10 +150,14 @@ class PoseRows:
         return np.vstack([turned @ lines, turned @ (moved[3:] - base[3:])])
 
 
-def placements_of(model: pin.Model, q: Array, pairs: Sequence[tuple[int, ...]]) -> list[pin.SE3]:
-    """Placements of frames in the axes of others."""
+def placements_of(model: pin.Model, qs: Array, pairs: Sequence[tuple[int, ...]]) -> list[list[pin.SE3]]:
+    """Return placements of frames in the axes of others at n configurations, n for each pair."""
+    found: list[list[pin.SE3]] = [[] for _ in pairs]
     if not pairs:
-        return []
+        return found
     data = working_data(model)
-    pin.framesForwardKinematics(model, data, q)
-    return [data.oMf[reference].actInv(data.oMf[frame]) for frame, reference in pairs]
+    for q in qs:
+        pin.framesForwardKinematics(model, data, q)
+        for places, (frame, reference) in zip(found, pairs, strict=True):
+            places.append(data.oMf[reference].actInv(data.oMf[frame]))
+    return found
