@@ -63,7 +63,7 @@ def reduce_rows(
         at = np.flatnonzero(is_open)
         if not at.size:
             break
-        tried = _stepped(robot, qs[at], free, jacobians(qs[at]), -rests[at], damping[at])
+        tried = _take_step(robot, qs[at], free, jacobians(qs[at]), -rests[at], damping[at])
         after = residuals(tried)
         with np.errstate(over="ignore", invalid="ignore"):  # squares of lengths beyond 1e154 m: no progress
             shares = np.linalg.norm(after, axis=1) / np.linalg.norm(rests[at], axis=1)
@@ -77,7 +77,7 @@ def reduce_rows(
     return qs
 
 
-def _stepped(
+def _take_step(
     robot: Mechanism, qs: Array, free: BoolArray, jacobians: Array, wanted: Array, damping: Array
 ) -> Array:
     """Configurations after a step each, none of whose joints moves far."""
