@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -59,6 +60,41 @@ def test_shapes_decide_where_spheres_of_links_overlap() -> None:
     assert (found.link, found.other) == ("forearm_link", "wrist_2_link")
     assert found.distance < 0.0
     assert clearances_along(problem.clearance, np.zeros(1), stretched[None])[0] > 0.01
+
+
+def test_hardly_a_pose_is_kept_out_where_shapes_of_links_decide() -> None:
+    """Of poses in which base and upper arm are apart, one in fifty, and these by less than 2 mm."""
+    q = np.zeros(6)
+    problem = Problem.create("ur5", 1.0, 2, start={"q": q}, goal={"q": 0.1 + q}, self_collision=True)
+    clearance = problem.clearance
+    assert clearance is not None
+    pair = ("base_link", "upper_arm_link")
+    (group,) = (n for n, found in enumerate(clearance.link_pairs) if clearance.names_of(found) == pair)
+    qs = np.zeros((1000, 6))
+    qs[:, :2] = np.random.default_rng(3).uniform(-np.pi, np.pi, (1000, 2))  # what else moves is not between
+    apart = np.array([_apart(problem, pair, q) for q in qs])
+    kept = clearance.pair_values(qs)[:, clearance.groups == group].min(axis=1)
+    assert 0.9 < apart.mean() < 1.0
+    assert (kept[apart] < 0.0).mean() < 0.02
+    assert kept[apart].min() > -2e-3  # [m]
+    assert (kept[~apart] < 0.0).mean() > 0.3
+
+
+def _apart(problem: Problem, links: tuple[str, str], q: np.ndarray) -> bool:
+    """Whether shapes of two links do not meet, by coal."""
+    shapes, model = problem.robot.collision_model, problem.robot.model
+    placed = pin.GeometryData(shapes)
+    pin.updateGeometryPlacements(model, model.createData(), shapes, placed, q)
+    found = [
+        (
+            shapes.geometryObjects[k].geometry,
+            coal.Transform3s(placed.oMg[k].rotation, placed.oMg[k].translation),
+        )
+        for k in range(shapes.ngeoms)
+        if model.frames[shapes.geometryObjects[k].parentFrame].name in links
+    ]
+    (one, at), (other, there) = found
+    return not coal.collide(one, at, other, there, coal.CollisionRequest(), coal.CollisionResult())
 
 
 def test_a_start_in_which_such_links_meet_is_refused() -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from functools import partial
-from itertools import combinations
+from collections.abc import Collection, Sequence
+from itertools import combinations, product
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -15,7 +13,10 @@ from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.collision.spheres import LinkSpheres
 
+LinkPair = tuple[LinkSpheres, LinkSpheres]
+
 _POSES = 400
+_DENSE = 1600  # where shapes decide: with 400 one in twenty poses is kept out in which they are apart
 _RESERVE = 0.05  # [m]: links that stay farther apart than this in all poses are left out
 
 
@@ -64,8 +65,9 @@ def self_pairs(
     disabled : collection of frozenset of str
         Pairs of links by name that are left out.
     """
-    poses = [q0, *_poses(model, q0, *limits)]
-    placed, meeting = _place(model, links, poses), _Meeting(model, shapes, poses)
+    poses = [q0, *_poses(model, q0, *limits, _POSES)]
+    placed = _place(model, links, poses)
+    dense: list[Array] = []
     chosen, kept, overlaps = [], [], list[float]()
     left_out: dict[str, list[tuple[str, str]]] = {}
     for a, b in combinations(range(len(links)), 2):
@@ -73,11 +75,13 @@ def self_pairs(
         gaps = None
         reason = _by_build(model, links[a], links[b], disabled)
         if not reason:
-            reach = links[a].radii[:, None] + links[b].radii
-            # Poses, spheres of a, spheres of b.
-            gaps = np.linalg.norm(placed[a][:, :, None] - placed[b][:, None], axis=3) - reach
-            overlap = _overlap(gaps, partial(meeting.is_at, links[a].frame, links[b].frame))
-            gaps += overlap
+            pair = links[a], links[b]
+            gaps = _gaps(pair, (placed[a], placed[b]))
+            overlap = np.zeros(gaps.shape[1:])
+            if gaps[0].min() < 0.0 and not (meeting := _Meeting(model, shapes, pair)).is_at(q0):
+                dense = dense or [q0, *_poses(model, q0, *limits, _DENSE)]
+                overlap = _overlap(model, pair, meeting, dense)
+                gaps += overlap
             reason = _by_distance(gaps.min(axis=(1, 2)))
         if reason or gaps is None:
             left_out.setdefault(reason, []).append(names)
@@ -99,48 +103,40 @@ def _by_build(model: pin.Model, a: LinkSpheres, b: LinkSpheres, disabled: Collec
     return "disabled" if frozenset((a.link, b.link)) in disabled else ""
 
 
-def _overlap(gaps: Array, meet: Callable[[int], bool]) -> Array:
-    """How deep pairs of spheres are in each other where shapes do not meet, nor in the default pose [m].
+def _gaps(pair: LinkPair, placed: tuple[Array, Array]) -> Array:
+    """Distances of the spheres of two links, shape (poses, spheres, spheres) [m]; below 0 they meet."""
+    reach = pair[0].radii[:, None] + pair[1].radii
+    return np.asarray(np.linalg.norm(placed[0][:, :, None] - placed[1][:, None], axis=3) - reach)
+
+
+def _overlap(model: pin.Model, pair: LinkPair, meeting: _Meeting, poses: Sequence[Array]) -> Array:
+    """How deep spheres of two links are in each other in poses in which their shapes do not meet [m].
 
     So no pose of these is kept out. Some are let in in which shapes meet: distances of shapes tell there.
-
-    Parameters
-    ----------
-    gaps : ndarray, shape (poses, spheres, spheres)
-        [m].
-    meet : callable
-        Whether the shapes meet in a pose, by its number.
     """
-    if gaps[0].min() >= 0.0 or meet(0):
-        return np.zeros(gaps.shape[1:])
-    deep = np.flatnonzero(gaps.min(axis=(1, 2)) < 0.0)
-    apart = [n for n in deep if not meet(int(n))]
+    one, other = _place(model, pair, poses)
+    gaps = _gaps(pair, (one, other))
+    apart = [n for n in np.flatnonzero(gaps.min(axis=(1, 2)) < 0.0).tolist() if not meeting.is_at(poses[n])]
     return np.asarray(np.maximum(-gaps[apart].min(axis=0), 0.0))
 
 
 class _Meeting:
-    """Which shapes meet in poses."""
+    """In which poses the shapes of two links meet."""
 
-    def __init__(self, model: pin.Model, shapes: pin.GeometryModel, poses: Sequence[Array]) -> None:
-        self._model, self._shapes, self._poses = model, shapes, poses
-        self._data, self._placed = model.createData(), pin.GeometryData(shapes)
+    def __init__(self, model: pin.Model, shapes: pin.GeometryModel, pair: LinkPair) -> None:
+        self._model, self._data, self._shapes = model, model.createData(), pin.GeometryModel()
+        own: list[list[int]] = [
+            [self._shapes.addGeometryObject(s) for s in shapes.geometryObjects if s.parentFrame == link.frame]
+            for link in pair
+        ]
+        for i, j in product(*own):
+            self._shapes.addCollisionPair(pin.CollisionPair(i, j))
+        self._placed, self._has_shapes = pin.GeometryData(self._shapes), all(own)
 
-    def is_at(self, one: int, other: int, pose: int) -> bool:
-        """Whether shapes on two frames meet in a pose, or one has none."""
-        a, b = (self._of(frame) for frame in (one, other))
-        q = np.array(self._poses[pose])
-        pin.updateGeometryPlacements(self._model, self._data, self._shapes, self._placed, q)
-        return not (a and b) or any(self._collide(i, j) for i in a for j in b)
-
-    def _of(self, frame: int) -> list[int]:
-        return [k for k, shape in enumerate(self._shapes.geometryObjects) if shape.parentFrame == frame]
-
-    def _collide(self, *pair: int) -> bool:
-        found: list[object] = []
-        for k in pair:
-            at = self._placed.oMg[k]
-            found += [self._shapes.geometryObjects[k].geometry, coal.Transform3s(at.rotation, at.translation)]
-        return bool(coal.collide(*found, coal.CollisionRequest(), coal.CollisionResult()))
+    def is_at(self, q: Array) -> bool:
+        """Whether they meet in a pose, or a link has none."""
+        given = self._model, self._data, self._shapes, self._placed, np.array(q), True
+        return not self._has_shapes or bool(pin.computeCollisions(*given))
 
 
 def _by_distance(nearest: Array) -> str:
@@ -164,20 +160,19 @@ def _place(model: pin.Model, links: Sequence[LinkSpheres], qs: Sequence[Array]) 
     return found
 
 
-def _poses(model: pin.Model, q0: Array, q_lower: Array, q_upper: Array) -> list[Array]:
+def _poses(model: pin.Model, q0: Array, q_lower: Array, q_upper: Array, count: int) -> list[Array]:
     """Poses within limits, the same every time; what turns without limits turns all the way."""
-    rng = np.random.default_rng(0)
-    found = []
-    for _ in range(_POSES):
-        turn = rng.uniform(-np.pi, np.pi, model.nv)
-        for joint in range(1, model.njoints):
-            if model.parents[joint] == 0 and joints.joint_kind(model, joint).word == "floating":
-                turn[joints.velocity_slice(model, joint)] = 0.0  # where the whole robot is does not matter
+    rng, found = np.random.default_rng(0), []
+    stays, bounded = np.zeros(model.nv, dtype=np.bool_), np.zeros(model.nq, dtype=np.bool_)
+    for joint in range(1, model.njoints):
+        if model.parents[joint] == 0 and joints.joint_kind(model, joint).word == "floating":
+            stays[joints.velocity_slice(model, joint)] = True  # where the whole robot is does not matter
+        where = joints.configuration_slice(model, joint)
+        if model.nqs[joint] == 1 and np.isfinite([*q_lower[where], *q_upper[where]]).all():
+            bounded[where] = True
+    for _ in range(count):
+        turn = np.where(stays, 0.0, rng.uniform(-np.pi, np.pi, model.nv))
         q = pin.integrate(model, np.array(q0), turn)
-        for joint in range(1, model.njoints):
-            where = joints.configuration_slice(model, joint)
-            low, high = q_lower[where], q_upper[where]
-            if len(low) == 1 and np.isfinite(low).all() and np.isfinite(high).all():
-                q[where] = rng.uniform(low, high)
+        q[bounded] = rng.uniform(q_lower[bounded], q_upper[bounded])
         found.append(q)
     return found
