@@ -9,7 +9,7 @@ it is, with conditions on just these: they are numbers of a parameter, and compi
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import chain
 
@@ -25,10 +25,12 @@ from mbocp.guesses.make import none_made
 from mbocp.guesses.screening import is_better, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
 from mbocp.job import Job, settings_of
+from mbocp.programme import Iterate
 from mbocp.programme.iterate import IterateRecord
 from mbocp.solution.details import StartRecord
 from mbocp.solution.read_solution import Attempt
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
+from mbocp.solvers.newton_method.limit_multipliers import why_limits_cannot_be_kept
 from mbocp.solvers.newton_method.monolithic import can_be_polished
 from mbocp.solvers.records import time_phase, time_until
 
@@ -124,6 +126,65 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
         For the guess that led to it.
     """
     settings, tried = _settings(job, formulation), _GuessRecord()
+    alone = replace(settings, is_newton_alone=not _goes_on_at_once(job, formulation, settings))
+    begun: list[tuple[_Guess, Outcome]] = []
+    for guess in _guesses(job, formulation, phases, tried):
+        start = _start(job, formulation, guess, tried)
+        limited = replace(alone, is_doubtful=tried.is_infeasible)
+        is_own = guess.is_first and guess.kind not in GIVEN_SOLUTIONS and not job.is_only
+        outcome = _descend(job, formulation, limited, start, may_ease=is_own)
+        phases += outcome.phases
+        if job.rough:
+            return outcome, guess.words
+        begun.append((guess, with_end(formulation, outcome)))
+        if tried.ends_with(begun[-1][1], guess.words, job):
+            return tried.end()
+    for guess, before in begun if alone.is_newton_alone else ():
+        if settings.is_spent(before.iterations):
+            continue
+        start = replace(_start(job, formulation, guess, tried), before=before.result)
+        outcome = _go_on(job, settings, start, before, is_doubtful=tried.is_infeasible)
+        phases += outcome.phases
+        if tried.ends_with(with_end(formulation, outcome), guess.words, job, before):
+            break
+    return tried.end()
+
+
+def _go_on(
+    job: Job, settings: SolverSettings, start: Start, before: Outcome, *, is_doubtful: bool
+) -> Outcome:
+    """Try what else may help from a guess, after what Newton's method alone has come to."""
+    left = settings.within(before.iterations)
+    limited = replace(left, is_doubtful=is_doubtful, time_limit=time_until(job.deadline))
+    outcome = run_strategy(limited, start)
+    return replace(outcome, solver=f"{before.solver} > {outcome.solver.removeprefix('auto: ')}")
+
+
+def _goes_on_at_once(job: Job, formulation: Formulation, settings: SolverSettings) -> bool:
+    """Whether a guess is not left before all that may help from there has been tried.
+
+    Within limits and for free durations, Newton's method from another guess is quicker than IPOPT from the
+    first, and helps more. In given ones it often ends in motions that the steps do not resolve.
+    """
+    is_alone = job.is_only or bool(job.rough) or job.start is not None
+    is_auto = settings.options.method == "auto" and settings.has_inequalities
+    if is_alone or not is_auto or not formulation.problem.timeline.has_free_lengths:
+        return True
+    return why_limits_cannot_be_kept(formulation.programme) is not None
+
+
+@dataclass(frozen=True, eq=False)
+class _Guess:
+    kind: str
+    words: str
+    iterate: Iterate
+    is_first: bool
+
+
+def _guesses(
+    job: Job, formulation: Formulation, phases: list[Phase], tried: _GuessRecord
+) -> Iterator[_Guess]:
+    """The guesses that can be made, one after the other."""
     in_turn = guesses_in_turn(formulation, job.start)
     last = (guess for guess in last_guesses(formulation, job.start) if tried.best is None)
     for number, (kind, make) in enumerate(chain(in_turn, last)):
@@ -135,19 +196,13 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
             continue
         except (CompilationTimeout, KeyboardInterrupt) as end:
             tried.stop(end)
-            break
-        label = f" (guess: {kind})" if number else ""
-        start = Start(formulation.programme, iterate, job.callback, tried.iterations, label, job.patience)
-        limited = replace(settings, is_doubtful=tried.is_infeasible)
-        is_own = number == 0 and kind not in GIVEN_SOLUTIONS and not job.is_only
-        outcome = _descend(job, formulation, limited, start, may_ease=is_own)
-        phases += outcome.phases
-        if job.rough:
-            return outcome, words
-        status = tried.add(with_end(formulation, outcome), words)
-        if job.is_only or job.patience.is_over or status is Status.CONVERGED or status.is_stopped:
-            break
-    return tried.end()
+            return
+        yield _Guess(kind, words, iterate, number == 0)
+
+
+def _start(job: Job, formulation: Formulation, guess: _Guess, tried: _GuessRecord) -> Start:
+    label = "" if guess.is_first else f" (guess: {guess.kind})"
+    return Start(formulation.programme, guess.iterate, job.callback, tried.iterations, label, job.patience)
 
 
 def _settings(job: Job, formulation: Formulation) -> SolverSettings:
@@ -202,15 +257,16 @@ class _GuessRecord:
         """Whether a solver says that nothing solves the problem."""
         return self.best is not None and self.best[0].result.status is Status.INFEASIBLE
 
-    def add(self, outcome: Outcome, words: str) -> Status:
-        """Take account of one more guess; return its status."""
+    def ends_with(self, outcome: Outcome, words: str, job: Job, before: Outcome | None = None) -> bool:
+        """Take account of one more outcome, which takes the place of that before; whether it is the last."""
         result = outcome.result
         self.history += result.history
-        if self.best is None or result.status is Status.CONVERGED or is_better(result, self.best[0].result):
+        is_solved = result.status is Status.CONVERGED
+        if self.best is None or self.best[0] is before or is_solved or is_better(result, self.best[0].result):
             self.best = (outcome, words)
         elif result.status is Status.INTERRUPTED:
             self._interrupt()
-        return result.status
+        return job.is_only or job.patience.is_over or is_solved or result.status.is_stopped
 
     def stop(self, error: CompilationTimeout | KeyboardInterrupt) -> None:
         """End without a further guess; raise the error if there is nothing to return yet."""

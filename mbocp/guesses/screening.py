@@ -70,8 +70,8 @@ def is_better(new: SolverResult, old: SolverResult) -> bool:
     """Whether one of two results that have not converged says more: another root, then `infeasible`."""
     if Status.OTHER_ROOT in (new.status, old.status):
         return old.status is not Status.OTHER_ROOT
-    if old.status is Status.INFEASIBLE:
-        return False
+    if Status.INFEASIBLE in (new.status, old.status):
+        return old.status is not Status.INFEASIBLE
     return new.record.residual < old.record.residual
 
 

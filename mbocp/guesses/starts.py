@@ -15,7 +15,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.around import ways_around
 from mbocp.guesses.from_solution import iterate_from_solution
 from mbocp.guesses.make import guess_candidates, kinds_in_turn, make_guess, none_made
-from mbocp.guesses.straight_line import driven_line, line
+from mbocp.guesses.straight_line import driven_line, line, may_take_longer
 from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess
@@ -26,6 +26,7 @@ from mbocp.solution.rest import Rest
 
 _MAX_BRANCHES = 4  # lines to other configurations at the goal, where one start alone fails
 _MAX_AROUND = 3  # other ways around obstacles, where one start alone fails
+_SLOWER = (1.5, 2.5)  # times as long as the line where the duration is free and one start alone fails
 _MAX_FAILED = 8  # guesses that cannot be made, after which no more are tried
 
 _Maker = Callable[[float], tuple[Iterate, str]]  # of a deadline
@@ -94,9 +95,9 @@ def further_kinds(formulation: Formulation, tried: list[StartGuess]) -> Iterator
 def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _Maker]]:
     """What to call each guess, and what makes it, of those to try until one leads to a solution.
 
-    The warm start alone, or the problem's own kind of guess. Where that was left to mbocp, lines to other
-    configurations with frames at the goal follow, other ways around obstacles, and the other kinds that suit
-    the problem; after a saved solution the kinds that suit the problem.
+    The warm start alone, or the problem's own kind of guess. Where that was left to mbocp, the line follows
+    over longer times, if they are free, then lines to other configurations with frames at the goal, other
+    ways around obstacles, and the other kinds that suit the problem; after a saved solution these kinds.
     """
     if warm_start is not None:
         yield "warm start", partial(_warm, formulation, warm_start)
@@ -105,6 +106,9 @@ def guesses_in_turn(formulation: Formulation, warm_start: Warm) -> Iterator[tupl
     own = next(candidates)
     yield own, partial(make_guess, own, formulation)
     if formulation.problem.guess.kind == "auto":
+        for times in _SLOWER:
+            if own == "line" and may_take_longer(formulation.problem, times):
+                yield f"line, {times:g} times as long", partial(_slow, formulation, times)
         for words, way in islice(branch_ways(formulation.problem), _MAX_BRANCHES):
             yield words, partial(_along, formulation, words, way)
         for words, way in ways_around(formulation.problem, _MAX_AROUND):
@@ -157,6 +161,10 @@ def _random_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:
     for number in count(1):
         rng = np.random.default_rng([problem.solver.seed, number])
         yield f"line through random configuration {number}", random_way(problem, rng)
+
+
+def _slow(formulation: Formulation, times: float, deadline: float) -> tuple[Iterate, str]:
+    return line(formulation, None, deadline, times), f"straight line over {times:g} times as long"
 
 
 def _along(formulation: Formulation, words: str, way: Way, deadline: float) -> tuple[Iterate, str]:

@@ -29,6 +29,7 @@ from mbocp.robot.nodes import steps_between
 _NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `driven_line`
 _NO_SPEED = 1e-9  # [m/s, rad/s] of what may not move at all
 _TOO_SHORT = 2.5  # times as long as guessed; the fastest motion takes 0.5 to 0.8 of what the line takes
+_NEARLY = 0.75  # of a longer time: less is the guess before
 _SAYS_ENOUGH = 1e-6  # part that written joints have in every motion that the constraints allow
 
 
@@ -56,13 +57,35 @@ def _free_motions(problem: Problem) -> Array:
     return null_space(table.in_step(problem.goal.q, table.last_timed_step), RANK_TOLERANCE)
 
 
-def line(formulation: Formulation, way: Way | None = None, deadline: float = math.inf) -> Iterate:
+def may_take_longer(problem: Problem, times: float) -> bool:
+    """Whether a line may take so many times as long, or nearly; past what moves it is one by the time."""
+    clearance = problem.clearance
+    if problem.robot.drives or (clearance is not None and clearance.movers):
+        return False
+    dts = problem.timeline.lengths()
+    return bool(_stretch(problem, dts, times).sum() > _NEARLY * times * dts.sum())
+
+
+def _stretch(problem: Problem, dts: Array, times: float) -> Array:
+    """Lengths of the steps so many times as long where they are free, as far as they may be."""
+    timeline = problem.timeline
+    times = min(times, timeline.junctions[-1].latest / dts.sum())
+    longer = dts.copy()
+    for phase in timeline.free_phases:
+        longer[phase.first : phase.last] *= max(1.0, min(times, timeline.sides_of(phase)[1] / phase.duration))
+    return longer
+
+
+def line(
+    formulation: Formulation, way: Way | None = None, deadline: float = math.inf, times: float = 1.0
+) -> Iterate:
     """Straight line from start to goal, or another way, with the controls that this takes.
 
-    Where the duration is free and its guess too short for limits of rates, it takes longer.
+    Where the duration is free and its guess too short for limits of rates, it takes longer; `times` as long
+    where that is asked for.
     """
     problem = formulation.problem
-    dts = problem.timeline.lengths()
+    dts = _stretch(problem, problem.timeline.lengths(), times)
     qs, vs = _line_states(formulation, way, dts)
     if (slower := _slower(problem, vs, dts, is_straight=way is None)) > 1.0:
         dts = slower * dts

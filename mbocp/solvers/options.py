@@ -160,6 +160,8 @@ class SolverSettings:
         Share the work of Newton's method on the stages.
     most : int or None
         Limit of iterations in the place of the options'; None: theirs holds.
+    is_newton_alone : bool
+        Whether `auto` within limits ends before IPOPT.
     """
 
     options: Options
@@ -171,6 +173,7 @@ class SolverSettings:
     rough: float = 0.0
     threads: int = 1
     most: int | None = None
+    is_newton_alone: bool = False
 
     @classmethod
     def of(

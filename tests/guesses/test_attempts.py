@@ -56,3 +56,14 @@ def test_what_is_held_from_the_start_carries_the_robot() -> None:
     assert guess_candidates(stays)[0] == "hold"
     impulses = hold(formulate(stays)).ys  # of each step, 0.05 s: those of the place carry the ball, 0.3 kg
     assert np.abs(impulses).max(axis=1) == pytest.approx(0.3 * 9.81 * 0.05)
+
+
+def test_newton_from_another_guess_comes_before_ipopt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too fast for its limit, which arithmetic would say."""
+    monkeypatch.setattr("mbocp.problem.reasons.causes.why_in_vain", lambda *_: None)
+    words: dict[str, Any] = {"goal": {"q": [2.0, 0.0], "v": [0.0, 0.0]}, "limits": {"velocity": 1.0}}
+    duration = {"min": 0.9, "max": 1.1, "guess": 1.0}
+    solution = mbocp.solve(mbocp.Problem.create("double_pendulum", duration, 12, **words))
+    names = [phase.name for phase in solution.phases]
+    assert not solution.converged
+    assert names.index("monolithic (guess: hold)") < names.index("ipopt")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 import mbocp
 from mbocp.formulation import formulate
+from mbocp.guesses.starts import guesses_in_turn
 from mbocp.guesses.straight_line import line
 
 UR5 = mbocp.load_robot("ur5")
@@ -54,3 +57,26 @@ def test_it_takes_no_longer_than_it_may() -> None:
     problem = fastest().with_(duration={"min": 0.0125, "max": 0.4})
     formulation = formulate(problem)
     assert formulation.motion_of(line(formulation)).dts.sum() == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(("most", "longer"), [(8.0, [1.5, 2.5]), (1.7, [1.5]), (1.05, [])])
+def test_after_a_failure_the_line_takes_longer_where_it_may(most: float, longer: list[float]) -> None:
+    problem = fastest().with_(duration={"min": 0.5, "max": most, "guess": 1.0})
+    formulation = formulate(problem)
+    makers = [make for name, make in guesses_in_turn(formulation, None) if "times as long" in name]
+    motions = [formulation.motion_of(make(math.inf)[0]) for make in makers]
+    assert [motion.dts.sum() for motion in motions] == pytest.approx(longer)
+    assert all(motion.qs[-1] == pytest.approx(problem.goal.q) for motion in motions)
+
+
+def test_a_part_whose_duration_is_given_keeps_it_in_a_longer_line() -> None:
+    named = [
+        {"name": "fast", "steps": 10, "duration": 0.5},
+        {"name": "free", "steps": 10, "duration": {"min": 0.1, "max": 4.0, "guess": 0.5}},
+    ]
+    problem = mbocp.Problem.create(
+        UR5, phase=named, start={"q": Q0}, goal={"q": Q1, "v": 0}, cost={"time": 1.0}
+    )
+    dts = formulate(problem).motion_of(line(formulate(problem), times=2.0)).dts
+    assert dts[:10].sum() == pytest.approx(0.5)
+    assert dts[10:].sum() == pytest.approx(1.0)

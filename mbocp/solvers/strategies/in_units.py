@@ -113,17 +113,24 @@ def _start_in(units: Units, start: Start, label: str) -> Start:
         None if callback is None else lambda record: callback(_count_record(units, record)),
         start.first,
         label + start.label,
+        before=None if start.before is None else _count_result(units, start.before),
     )
 
 
 def _count_back(units: Units, result: SolverResult, told: str) -> SolverResult:
     inverse = replace(units, force=1.0 / units.force, cost=1.0 / units.cost)
+    advice = f"{result.advice}; {told}, and residuals are those of that"
+    return replace(_count_result(inverse, result), advice=advice)
+
+
+def _count_result(units: Units, result: SolverResult) -> SolverResult:
+    """A result of a programme as one of the programme counted in `units`."""
+    inverse = replace(units, force=1.0 / units.force, cost=1.0 / units.cost)
     return replace(
         result,
-        advice=f"{result.advice}; {told}, and residuals are those of that",
-        iterate=iterate_in(inverse, result.iterate),
-        record=_count_record(units, result.record),
-        history=tuple(_count_record(units, record) for record in result.history),
+        iterate=iterate_in(units, result.iterate),
+        record=_count_record(inverse, result.record),
+        history=tuple(_count_record(inverse, record) for record in result.history),
     )
 
 
@@ -152,7 +159,8 @@ def run_with_tiny_costs(run: Run, settings: SolverSettings, start: Start) -> Out
     clock = time.perf_counter()
     outcome = run(settings, start)
     factor = cost_factor(outcome.result.record.cost)
-    if factor == 1.0 or outcome.result.status in _FINAL:
+    goes_on = settings.is_newton_alone and outcome.result.status is not Status.CONVERGED
+    if factor == 1.0 or outcome.result.status in _FINAL or goes_on:
         return outcome
     if settings.time_limit is not None:
         elapsed = time.perf_counter() - clock
@@ -161,7 +169,7 @@ def run_with_tiny_costs(run: Run, settings: SolverSettings, start: Start) -> Out
         replace(start.programme.units, cost=factor),
         run,
         settings,
-        replace(start, first=start.first + outcome.iterations),
+        replace(start, first=start.first + outcome.iterations, before=None),
         told=f"the cost is so small that it was weighed {factor:.0e} times",
         label=f" (cost times {factor:.0e})",
     )

@@ -39,6 +39,8 @@ class Start:
         Put behind the phases' names.
     patience : Patience, optional
         Of the attempts of which this is one; None: it is the only one.
+    before : SolverResult, optional
+        What `auto` came to from here by Newton's method alone; it goes on with what else may help.
     """
 
     programme: StagewiseProgramme
@@ -47,6 +49,7 @@ class Start:
     first: int = 0
     label: str = ""
     patience: Patience | None = None
+    before: SolverResult | None = None
 
 
 @dataclass(frozen=True)
@@ -89,12 +92,14 @@ class Phases:
     settings : SolverSettings
     programme : StagewiseProgramme
     guess : Iterate
+    before : SolverResult, optional
+        As in `Start`.
     """
 
     def __init__(self, start: Start, settings: SolverSettings) -> None:
         self.settings, self.guess = settings, start.iterate
         self.programme, self.callback, self.label = start.programme, start.callback, start.label
-        self._begun = start.first
+        self._begun, self.before = start.first, start.before
         self.deadline = deadline_after(settings.time_limit)
         self.patience = start.patience or Patience(is_limited=settings.time_limit is None)
         self.history: list[IterationRecord] = []

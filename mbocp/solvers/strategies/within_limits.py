@@ -41,46 +41,55 @@ def run_auto_within_limits(phases: Phases) -> Outcome:
     """Run monolithic Newton with its barrier; if it stalls, what else may help.
 
     From a point far from feasible the problem without limits comes first: its solution may keep them, or
-    nearly. Then IPOPT, which knows the infeasible. In the end limits are brought back part by part.
+    nearly. Then IPOPT, which knows the infeasible, unless other guesses come before it. In the end limits are
+    brought back part by part.
     """
     programme, settings = phases.programme, phases.settings
     if why_limits_cannot_be_kept(programme) is not None:
         found, title = run_interior("ipopt", phases)
         return phases.outcome(found, f"auto: {title}")
+    if phases.before is not None:
+        return _go_on(phases, phases.before, None)
     solver = make_solver("monolithic", settings.with_patience())
-    begun = phases.run(solver, "monolithic", phases.guess, should_stop=_has_stalled)
+    begun, free = phases.run(solver, "monolithic", phases.guess, should_stop=_has_stalled), None
     if phases.ends_with(begun):
         return phases.outcome(begun, f"auto: {solver.name}")
-    return _go_on(phases, begun, f"auto: {solver.name}")
-
-
-def _go_on(phases: Phases, begun: SolverResult, title: str) -> Outcome:
-    """Run what else may help, where Newton's method makes no progress."""
-    programme, words, free = phases.programme, f"auto: monolithic {how_it_ended(begun)}", None
-    may_leave_out = can_leave_out_limits(programme)
-    if may_leave_out and not is_nearly_feasible(begun.history):
+    if can_leave_out_limits(programme) and not is_nearly_feasible(begun.history):
         free = _run_newton(phases.on(without_limits(programme), _WITHOUT), phases.guess)
         last = _keep_limits_at_once(phases, free)
         if last is not None or phases.is_in_vain:
-            return phases.outcome(_with_all_limits(last, begun), _title(phases), words)
-    found = begun
+            return phases.outcome(_with_all_limits(last, begun), _title(phases), _words(begun))
+    if settings.is_newton_alone:
+        return phases.outcome(begun, _title(phases))
+    return _go_on(phases, begun, free)
+
+
+def _go_on(phases: Phases, begun: SolverResult, free: SolverResult | None) -> Outcome:
+    """Run what else may help, where Newton's method makes no progress.
+
+    `free` is what it has made of the problem without limits, if it was asked.
+    """
+    found, words, title = begun, _words(begun), _title(phases)
     if not phases.settings.is_doubtful:
-        before = _title(phases)
         try:
             found, name = run_interior("ipopt", phases)
         except CompilationTimeout:
             advice = f"no time was left for IPOPT: raise solver.time_limit; before: {begun.advice}"
             late = replace(begun, status=Status.TIME_LIMIT, advice=advice)
-            return phases.outcome(late, before, words)
-        title = f"{before} > {name}"
+            return phases.outcome(late, title, words)
+        title = f"{title} > {name}" if phases.names[:-1] else f"auto: {name}"
         if found.status is Status.STAGNATED and begun.record.residual < found.record.residual:
             found, words = begun, f"{words}, ipopt {how_it_ended(found)}"
         if phases.ends_with(found):
             return phases.outcome(found, title, words)
-    last = _bring_limits_back(phases, free) if may_leave_out else None
+    last = _bring_limits_back(phases, free) if can_leave_out_limits(phases.programme) else None
     if last is not None:
         found, title = _with_all_limits(last, found), _title(phases)
     return phases.outcome(found, title, words)
+
+
+def _words(begun: SolverResult) -> str:
+    return f"auto: monolithic {how_it_ended(begun)}"
 
 
 def _bring_limits_back(phases: Phases, free: SolverResult | None) -> SolverResult | None:
