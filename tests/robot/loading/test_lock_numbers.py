@@ -50,7 +50,7 @@ def test_functions_of_all_values(
 ) -> None:
     """They are the same functions, and give what Pinocchio makes of the joints at their values."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(locking, "decided_by_locks", lambda model, ids, named, reduced, q: (reduced, ()))
+        patch.setattr(locking, "reduce_by_locks", lambda model, ids, named, reduced, q: (reduced, ()))
         plain = locked(sources[name], name, values)
     robot, other = (locked(sources[name], name, v) for v in (values, [0.3, -0.4]))
     assert robot.shape_fingerprint == other.shape_fingerprint
