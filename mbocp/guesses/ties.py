@@ -14,7 +14,7 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import frame_jacobians
 from mbocp.robot.loops.kinds.constraint import Constraint
-from mbocp.robot.loops.projection import attitude_rows, closure_by_angle
+from mbocp.robot.loops.projection import attitude_rows, jacobian_by_angle, residual_by_angle
 from mbocp.robot.loops.reduction import reduce_rows
 from mbocp.robot.poses.pose_rows import placements_of
 from mbocp.robot.walking import walking_bodies
@@ -64,7 +64,7 @@ class Ties:
             found[:, at] = [pin.log3(before.T @ turn) for turn in turns]
         if not self.own.any():
             return found[:, self.rows]
-        own = [closure_by_angle(self.table.robot, q)[0][self._kept_rows] for q in qs]
+        own = [residual_by_angle(self.table.robot, q)[self._kept_rows] for q in qs]
         return np.hstack([own, found[:, self.rows]])
 
     def jacobians(self, qs: Array) -> Array:
@@ -75,7 +75,7 @@ class Ties:
             found[:, at] = in_a[:, 3:] - turns.transpose(0, 2, 1) @ in_b[:, 3:]
         if not self.own.any():
             return found[:, self.rows]
-        own = [closure_by_angle(robot, q)[1]()[self._kept_rows] for q in qs]
+        own = [jacobian_by_angle(robot, q)[self._kept_rows] for q in qs]
         return np.concatenate([own, found[:, self.rows]], axis=1)
 
     @cached_property

@@ -23,7 +23,7 @@ from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.reduction import CLOSURE_TOLERANCE, metrics_of, reduce_rows, shortest_steps
 from mbocp.robot.mechanism import Mechanism
 
-_Residual: TypeAlias = Callable[[Mechanism, Array], tuple[Array, Callable[[], Array]]]
+_OfOne: TypeAlias = Callable[[Mechanism, Array], Array]
 
 REDUNDANT_ROW_TOLERANCE = 1e-4  # [m, rad, m^2] of rows that others imply: files have six digits
 
@@ -127,49 +127,42 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
     """
     chosen = list(rows)
 
-    def reduce(q: Array, what: _Residual) -> Array:
+    def reduce(q: Array, residual: _OfOne, jacobian: _OfOne) -> Array:
         def residuals(qs: Array) -> Array:
-            return np.array([what(robot, q)[0][chosen] for q in qs])
+            return np.array([residual(robot, q)[chosen] for q in qs])
 
         def jacobians(qs: Array) -> Array:
-            return np.array([what(robot, q)[1]()[chosen] for q in qs])
+            return np.array([jacobian(robot, q)[chosen] for q in qs])
 
         return reduce_rows(robot, q[None], free, residuals, jacobians)[0]
 
     if any(angle > _MAX_WELD_ANGLE for _, angle in _turns(robot, q)):
-        q = reduce(q, closure_by_angle)
-    return reduce(q, _by_rows)
+        q = reduce(q, residual_by_angle, jacobian_by_angle)
+    return reduce(q, Mechanism.closure_residual, Mechanism.closure_jacobian)
 
 
-def _by_rows(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
-    """Residual of all rows, and a function that computes its Jacobian."""
-    return robot.closure_residual(q), lambda: robot.closure_jacobian(q)
-
-
-def closure_by_angle(robot: Mechanism, q: Array) -> tuple[Array, Callable[[], Array]]:
-    """Like `_by_rows`, with rotation vectors in place of the rows that keep an attitude."""
-    if not robot.constraints:
-        return _by_rows(robot, q)
-    model, data = robot.model, working_data(robot.model)
-    pin.framesForwardKinematics(model, data, q)
-    residual, kept = np.array(robot.closure_residual(q)), []
+def residual_by_angle(robot: Mechanism, q: Array) -> Array:
+    """Residual of all rows, with rotation vectors in place of those that keep an attitude."""
+    residual, data = np.array(robot.closure_residual(q)), working_data(robot.model)
+    pin.framesForwardKinematics(robot.model, data, q)
     for constraint, where in attitude_rows(robot.constraints):
+        residual[where] = pin.log3(_turn(data, constraint))
+    return residual
+
+
+def jacobian_by_angle(robot: Mechanism, q: Array) -> Array:
+    """Derivative of `residual_by_angle` in tangent coordinates."""
+    rows, model, data = np.array(robot.closure_jacobian(q)), robot.model, working_data(robot.model)
+    pin.computeJointJacobians(model, data, q)
+    pin.updateFramePlacements(model, data)
+    for constraint, where in attitude_rows(robot.constraints):
+        in_a, in_b = (
+            pin.getFrameJacobian(model, data, frame, pin.LOCAL).reshape(6, model.nv)[3:]
+            for frame in constraint.frame_ids
+        )
         turn = _turn(data, constraint)
-        residual[where] = pin.log3(turn)
-        kept.append((constraint.frame_ids, where, turn))
-
-    def jacobian() -> Array:
-        rows = np.array(robot.closure_jacobian(q))
-        pin.computeJointJacobians(model, data, q)
-        for frames, where, turn in kept:
-            in_a, in_b = (
-                pin.getFrameJacobian(model, data, frame, pin.LOCAL).reshape(6, model.nv)[3:]
-                for frame in frames
-            )
-            rows[where] = pin.Jlog3(turn) @ (in_a - turn.T @ in_b)
-        return rows
-
-    return residual, jacobian
+        rows[where] = pin.Jlog3(turn) @ (in_a - turn.T @ in_b)
+    return rows
 
 
 def violations(

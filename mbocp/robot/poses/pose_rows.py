@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot.large import working_data
-from mbocp.robot.loops.projection import closure_by_angle
+from mbocp.robot.loops.projection import jacobian_by_angle, residual_by_angle
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.target import FrameTarget, normals_to, rotation_between
 
@@ -78,7 +78,7 @@ class PoseRows:
         rows = self.pose_residual(q)
         if not self.robot.constraints:
             return rows
-        return np.concatenate([rows, CLOSURE_WEIGHT * closure_by_angle(self.robot, q)[0]])
+        return np.concatenate([rows, CLOSURE_WEIGHT * residual_by_angle(self.robot, q)])
 
     def pose_residual(self, q: Array) -> Array:
         """The targets' rows alone."""
@@ -90,7 +90,7 @@ class PoseRows:
         rows = self.pose_jacobian(q)
         if not self.robot.constraints:
             return rows
-        return np.concatenate([rows, CLOSURE_WEIGHT * closure_by_angle(self.robot, q)[1]()])
+        return np.concatenate([rows, CLOSURE_WEIGHT * jacobian_by_angle(self.robot, q)])
 
     def pose_jacobian(self, q: Array) -> Array:
         """Derivative of the targets' rows alone; call `residual` or `errors` at the same q before."""
