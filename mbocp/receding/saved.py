@@ -21,6 +21,7 @@ from mbocp.formulation import Formulation
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.kernel import sides
 from mbocp.programme.native_modules import kernel
+from mbocp.solution.atomic import replace_text
 from mbocp.solvers.receding import RecedingSettings
 
 if TYPE_CHECKING:
@@ -132,9 +133,7 @@ def write_horizon(
             shutil.copyfile(source, part)
             part.replace(folder / name)  # what a program has open stays as it was
         lines = [_line(name, np.asarray(values, dtype=np.float64)) for name, values in table.items()]
-        part = folder / f".{_NUMBERS}"
-        part.write_text("\n".join(lines) + "\n", encoding="ascii")
-        part.replace(folder / _NUMBERS)
+        replace_text(folder / _NUMBERS, "\n".join(lines) + "\n")
     except OSError as error:
         raise ResultFileError(folder, f"cannot be written: {error}") from error
     return folder

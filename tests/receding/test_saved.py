@@ -189,11 +189,12 @@ def test_a_save_that_fails_leaves_the_numbers_of_before(problem, tmp_path, monke
     horizon = RecedingHorizon(problem)
     before = {file.name: file.read_bytes() for file in horizon.save(tmp_path).iterdir()}
 
-    def fill_the_disk(path: Path, text: str, **options: str) -> None:
-        path.write_bytes(text[: len(text) // 2].encode())
+    def fill_the_disk(path: Path, content: bytes) -> None:
+        with path.open("wb") as file:
+            file.write(content[: len(content) // 2])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", fill_the_disk)
+    monkeypatch.setattr(Path, "write_bytes", fill_the_disk)
     with pytest.raises(ResultFileError, match="No space left"):
         horizon.save(tmp_path)
     monkeypatch.undo()
