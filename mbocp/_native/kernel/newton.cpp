@@ -169,8 +169,9 @@ NewtonState Newton::step(NewtonState state) const {
 }
 
 Care Newton::care_of(const NewtonState& state) const {
-    const bool is_valley = settings_.is_careful || state.iteration >= careful_after;
-    return is_valley && state.barrier == 0.0 ? Care::careful() : Care::bold();  // limits cut steps whatever the shift
+    if (state.barrier > 0.0) return Care::bold();  // limits cut steps whatever the shift
+    if (settings_.is_careful || state.iteration >= careful_after) return Care::careful();
+    return state.falls_fast ? Care::fast() : Care::bold();
 }
 
 // It falls where the iterate allows it, or rises where round-off hides the smallest curvature.
@@ -238,7 +239,7 @@ Newton::Next Newton::follow(NewtonState& state, const Tried& tried, const Care& 
         if (next != Next::larger_shift) return next;
     }
     if (found.length == 0.0) return arrive(state, tried);
-    accept(state, tried, care, found);
+    accept(state, tried, found);
     return Next::done;
 }
 
@@ -274,15 +275,17 @@ Newton::Next Newton::arrive(NewtonState& state, const Tried& tried) const {
     return Next::larger_shift;
 }
 
-void Newton::accept(NewtonState& state, const Tried& tried, const Care& care, const StepLength& found) const {
+void Newton::accept(NewtonState& state, const Tried& tried, const StepLength& found) const {
     const CappedDirection& direction = *tried.direction;
     state.programme->accept(found.length * direction.longest, direction.longest_dual);
     const Evaluation e = state.programme->evaluate(1.0);
     const double shift = tried.shift;
     if (!found.by_cost) state.filter = state.filter.with_corner(state.evaluation);
     state.still = shift > 0.0 ? 0 : stillness(state, e, direction.increment);
-    state.shift = care.next_shift(shift, direction.relative(found.length) * (shift > 0.0 ? direction.cap : 1.0),
-                                  e.residual / state.evaluation.residual, least_shift);
+    const double length = direction.relative(found.length) * (shift > 0.0 ? direction.cap : 1.0);
+    const bool was_enough = shift == state.shift && state.falls_fast;
+    state.falls_fast = length == 1.0 && (was_enough || Care::is_large(shift));
+    state.shift = care_of(state).next_shift(shift, length, e.residual / state.evaluation.residual, least_shift);
     state.augmentation = tried.factorisation.augmentation;
     state.regularisation = shift;
     if (shift > 0.0) state.last_shift = shift;

@@ -114,7 +114,7 @@ private:
     Next follow(NewtonState& state, const Tried& tried, const Care& care, bool is_last) const;
     Next rescue(NewtonState& state, const Tried& tried, bool is_last) const;
     Next arrive(NewtonState& state, const Tried& tried) const;
-    void accept(NewtonState& state, const Tried& tried, const Care& care, const StepLength& found) const;
+    void accept(NewtonState& state, const Tried& tried, const StepLength& found) const;
     Next give_up(NewtonState& state, const Factorisation& last, bool is_singular) const;
     void restart_multipliers(NewtonState& state) const;
     bool restore_feasibility(NewtonState& state, double shift) const;
