@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -21,6 +22,7 @@ from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible
 
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelNewtonState
+    from mbocp.terms import Kinematics
 
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -48,6 +50,33 @@ def begun(problem: mbocp.Problem) -> tuple[StagewiseProgramme, GlobalisedNewton,
     iterate, _ = make_guess("line", formulation)
     solver = GlobalisedNewton(control_weight=programme.control_weight)
     return programme, solver, solver.init(programme, iterate)
+
+
+def test_a_large_shift_falls_fast_while_steps_are_full() -> None:
+    """A penalty far from met asks for a shift that the motion after the first step no longer needs."""
+    robot = mbocp.load_robot("double_pendulum")
+
+    def missed(at: Kinematics) -> ca.SX:
+        return 1e6 * (1.0 - ca.cos(at.q[0] - 2.0))
+
+    problem = mbocp.Problem.create(
+        robot,
+        1.0,
+        40,
+        start={"q": [0.0, 0.0]},
+        goal={"q": [0.5, 0.5]},
+        terms=[mbocp.terms.running_cost(missed)],
+        scheme="se1",
+    )
+    _, solver, state = begun(problem)
+    first = solver.step(state)
+    assert first.step_length == 1.0
+    assert first.regularisation > 1e3
+    second = solver.step(first)
+    assert second.regularisation == pytest.approx(first.regularisation / 30.0)
+    assert second.step_length < 1.0  # fast no longer
+    third = solver.step(second)
+    assert third.regularisation >= second.regularisation / 3.0
 
 
 def test_a_shift_grows_where_the_cap_would_leave_next_to_nothing_of_a_step() -> None:
