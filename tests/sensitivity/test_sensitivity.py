@@ -129,7 +129,15 @@ def arm_with_a_cool_wrist():
     return example("arms/ur5_reach.toml", steps=10, limits={"effort_rms": {"wrist_3_joint": 0.03}})
 
 
+def walker_from_a_free_start():
+    """On legs of other lengths it starts elsewhere."""
+    return example("walking/compass_gait.toml")
+
+
 CASES = [
+    pytest.param(
+        walker_from_a_free_start, "robot.frame.standing_foot.length", 0, 2e-3, marks=pytest.mark.slow
+    ),
     (arm_that_follows_the_time, "horizon.duration", 0, 1e-3),
     (arm_along_a_path, "robot.joint.elbow_joint.length", 0, 1e-5),
     (upright_cup, "start.q", 1, 1e-3),
