@@ -330,6 +330,21 @@ def test_end_conditions_turn_with_the_goal_as_those_formulated_anew(path, steps)
     assert np.allclose(found.rho_terminal, expected.rho_terminal, atol=1e-10)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:2 limits are active with next to no multiplier")
+def test_velocities_at_the_goal_are_those_that_contacts_allow():
+    problem, solution = optimum(feet_in_contact)
+    derivatives = mbocp.sensitivities(solution, ["goal.v"])
+    (goal,) = derivatives.parameters
+    end = goal.problem
+    tied = end.timeline.switches.at_end(end.goal.q, of_rates=True)
+    wanted = np.random.default_rng(0).normal(size=problem.robot.nv)
+    given = goal.put(end, wanted).goal.value
+    assert np.abs(tied @ wanted).max() > 0.1
+    assert np.abs(tied @ given).max() < 1e-12
+    assert np.allclose(derivatives.of("vs", "goal.v")[-1] @ wanted, given, atol=1e-8)
+
+
 def test_end_conditions_that_are_left_out_shift_no_other_number():
     path = EXAMPLES / "so3/unicycle_pendulum.toml"
     problem = mbocp.load_problem(path, {"limits.velocity": {"pendulum": 9.0}})
