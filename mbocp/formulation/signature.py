@@ -137,7 +137,7 @@ class FunctionSignature:
             }
         )
 
-    @property
+    @cached_property
     def unknowns(self) -> str:
         """Canonical text of what the unknowns and the multipliers of the equations are."""
         material = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,31 +66,33 @@ def kernel_programme(
     )
     made.set_parameters(programme.theta, programme.rho, programme.rho_terminal)
     if has_limits:
-        set_bounds(made, programme, programme.bounds)
+        set_bounds(made, programme, sides(programme.bounds), num_guards=programme.num_guards)
     return made
 
 
-def set_bounds(native: KernelProgramme, programme: StagewiseProgramme, bounds: StateBounds) -> None:
+def set_bounds(
+    native: KernelProgramme, programme: StagewiseProgramme, sides: Mapping[str, Array], *, num_guards: int
+) -> None:
     """Give a kernel programme bounds, and the functions of `programme` that they are for; slacks are zero."""
-    stages, end = programme.functions, programme.end_functions
+    stages, end, has_path = programme.functions, programme.end_functions, bool(programme.bounds.nh)
     native.set_limits(
-        **sides(bounds),
-        path=stages.stage_function("path") if bounds.nh else None,
-        path_values=stages.stage_function("path_values") if bounds.nh else None,
-        num_guards=programme.num_guards,
-        guard=end.stage_function("guard") if programme.num_guards else None,
+        **sides,
+        path=stages.stage_function("path") if has_path else None,
+        path_values=stages.stage_function("path_values") if has_path else None,
+        num_guards=num_guards,
+        guard=end.stage_function("guard") if num_guards else None,
     )
 
 
 def sides(bounds: StateBounds) -> dict[str, Array]:
     """Bounds of all nodes in a row, or of one where all are the same."""
-    sides: dict[str, Array] = {}
+    found: dict[str, Array] = {}
     for what in ("x", "u", "path"):
         names = (f"{what}_lower", f"{what}_upper")
         rows = [getattr(bounds, name) for name in names]
         is_one = all((side == side[0]).all() for side in rows)
-        sides |= {
+        found |= {
             name: np.array(side[0]) if is_one else side.ravel()
             for name, side in zip(names, rows, strict=True)
         }
-    return sides
+    return found

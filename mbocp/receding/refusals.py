@@ -19,7 +19,7 @@ from mbocp.formulation import Formulation
 from mbocp.formulation.updates import ParameterUpdates
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
-from mbocp.programme.kernel import set_bounds
+from mbocp.programme.kernel import set_bounds, sides
 
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelProgramme
@@ -113,7 +113,8 @@ class MovingStages:
             full[limited], guards = np.split(getattr(native, name), [np.count_nonzero(limited)])
             moved[name] = full[sources], guards
         self._bounds = self._bounds.with_sides(self._bounds.lower[sources], self._bounds.upper[sources])
-        set_bounds(native, self._formulation.programme, self._bounds)
+        programme = self._formulation.programme
+        set_bounds(native, programme, sides(self._bounds), num_guards=programme.num_guards)
         for name, (full, guards) in moved.items():
             setattr(native, name, np.append(full[self._bounds.has_limit], guards))
 

@@ -111,13 +111,14 @@ class Change:
         """Zeros, to be filled in; those of bounds are in the memory of one."""
         kind = programme.kind
         limits = (k, *programme.bounds.has_limit.shape)
+        of_bounds = np.broadcast_to(0.0, limits)
         return cls(
             start=np.zeros((k, kind.ndx)),
             theta=np.zeros((k, programme.theta.size)),
             rho=np.zeros((k, programme.rho.size)),
             rho_terminal=np.zeros((k, programme.rho_terminal.size)),
-            lower=np.broadcast_to(0.0, limits),
-            upper=np.broadcast_to(0.0, limits),
+            lower=of_bounds,
+            upper=of_bounds,
         )
 
     @classmethod
@@ -131,6 +132,11 @@ class Change:
     def is_in_steps(self) -> bool:
         """Whether numbers of steps are among them."""
         return bool(self.theta.any() or self.rho.any())
+
+    @property
+    def is_in_bounds(self) -> bool:
+        """Whether bounds are among them: others are zeros in the memory of one."""
+        return any(self.lower.strides) or any(self.upper.strides)
 
     def along(self, weights: Array) -> Change:
         """Those along moves of all parameters, shape (number, k)."""

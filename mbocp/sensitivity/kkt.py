@@ -153,7 +153,8 @@ class Kkt:
             native.accept(1.0)
         raise SolverError(
             "sensitivities: the optimality conditions do not hold near the solution with the limits that are "
-            f"active there (a Newton step is {length:.1e} of the motion); solve with solver.tolerance = 1e-12"
+            f"active there (a Newton step is {length:.1e} of the motion); solve with "
+            "solver.tolerance = 1e-12, if it is larger"
         )
 
     @cached_property

@@ -236,7 +236,7 @@ class ParameterFunctions:
 
 def _of_bounds(optimum: Optimum, pulls: Array, change: Change) -> Array:
     """Derivatives in parameters, shape (k,), from the negative of those in the bounds of active limits."""
-    if not pulls.any():
+    if not (change.is_in_bounds and pulls.any()):
         return np.zeros(len(change.start))
     sides = np.where(optimum.ws > 0.0, change.upper, change.lower)
     return -np.einsum("knj,nj->k", sides, pulls)

@@ -161,6 +161,11 @@ class GoalOfJoints(OfState):
         if goal.rate_active.any() and not (is_held or has_found_loops):
             yield f"goal.{goal.rate}"
 
+    def _basis(self, q: Array) -> Array:
+        """Velocities are those that contacts allow: of others ends that solves choose say this or that."""
+        has_contacts = self.problem.timeline.switches is not None
+        return self.problem.free_at_end(q) if has_contacts and self.word == "goal.v" else super()._basis(q)
+
     def change(self) -> Change:
         """Of numbers of the end."""
         formulation, problem, q = self.formulation, self.problem, self.problem.goal.q

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -11,10 +12,13 @@ import pinocchio as pin
 from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation
 from mbocp.formulation.layout import places
-from mbocp.problem import Problem
-from mbocp.sensitivity.change import Change, ProblemNumbers
+from mbocp.problem import Goal, Problem
+from mbocp.robot import Robot
+from mbocp.sensitivity.change import Change, ProblemNumbers, change_along
 from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_goal import FrameGoal
+
+_AT_POSE = 1e-12  # [m, rad]: differences of rows are right to 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +55,9 @@ class GoalOfFrame(ProblemNumbers):
         return next(goal for end in ends for goal in end.goals if goal.name == self._frame)
 
     def change(self) -> Change:
-        """Of numbers of the end, which are linear in those of a pose."""
+        """Of numbers of the end, which are linear in those of a pose; rows turn where closed loops move."""
+        if self._takes_loops_along:
+            return change_along(self.formulation, *(partial(self._move, k) for k in range(len(self.names))))
         found, goal = self._none, self._goal
         at = places(self.formulation.pieces.parameters.terminal)
         for end in _frame_ends(self.formulation):
@@ -60,6 +66,18 @@ class GoalOfFrame(ProblemNumbers):
                     if numbers.any():  # of a position alone the rotation of zeros says nothing
                         found.rho_terminal[k, at[key]] = numbers
         return found
+
+    @property
+    def _takes_loops_along(self) -> bool:
+        """Whether rows on velocities are those of closed loops at the pose, not where a motion has ended."""
+        return bool(self.problem.robot.nc) and not self.problem.goal.q_is_reached
+
+    def _move(self, k: int, size: float) -> Problem:
+        move = size * np.eye(len(self.names))[k]
+        if self._is_position:
+            return self.put(self.problem, self.value + move)
+        turned = pin.Quaternion(self._goal.target.rotation @ pin.exp3(move))
+        return self.put(self.problem, turned.coeffs())
 
     def _moves(self, goal: FrameGoal) -> Iterator[Array]:
         """Derivatives of the pose's matrix."""
@@ -100,7 +118,17 @@ class GoalOfFrame(ProblemNumbers):
             position[goal.target.coordinates] = value
             return replace(goal, target=replace(goal.target, position=position))
 
-        return replace(problem, goal=replace(problem.goal, frames=tuple(map(move, problem.goal.frames))))
+        goal = replace(problem.goal, frames=tuple(map(move, problem.goal.frames)))
+        return replace(problem, goal=_with_loops_at(problem.robot, goal) if self._takes_loops_along else goal)
+
+
+def _with_loops_at(robot: Robot, goal: Goal) -> Goal:
+    """The goal with the nearest configuration at its poses, if there is one near."""
+    fixed, targets = robot.joints_with(goal.q_active), [frame.target for frame in goal.poses]
+    found = robot.inverse_kinematics(
+        targets, goal.q, fixed=fixed, branches=1, restarts=0, tolerance=_AT_POSE, within_limits=False
+    )
+    return replace(goal, q=found.q) if found.reached else goal
 
 
 def _frame_ends(formulation: Formulation) -> list[FrameEnd]:

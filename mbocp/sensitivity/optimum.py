@@ -131,7 +131,7 @@ def _with_decided_limits(formulation: Formulation, optimum: Optimum) -> Found:
             return Found(formulation, kkt, ())
         limits = _limits(kkt.optimum)
         optimum = _correct(kkt.optimum, limits)
-        if np.array_equal(optimum.held, kkt.optimum.held):
+        if optimum is kkt.optimum:
             return Found(formulation, kkt, _degenerate(optimum, limits))
     raise SolverError(
         "sensitivities: it is in doubt which limits are active at the solution, which has no derivative there"
@@ -147,6 +147,8 @@ def _correct(optimum: Optimum, limits: _Limits) -> Optimum:
     grain = _GRAIN * np.maximum(1.0, np.abs(values))
     above, below = (~optimum.held & beyond for beyond in (values > upper + grain, values < lower - grain))
     held = keeps | above | below
+    if np.array_equal(held, optimum.held):
+        return optimum
     sides = np.where(above, upper, np.where(below, lower, optimum.sides))
     return replace(optimum, held=held, sides=np.where(held, sides, 0.0), ws=np.where(held, optimum.ws, 0.0))
 

@@ -159,12 +159,12 @@ class OptimumReader:
 
     @cached_property
     def _nodes(self) -> NodeSlopes:
-        """How configurations and velocities move with states and controls; a free start with these alone."""
+        """How configurations and velocities move with states and controls; a free start as `_first` says."""
         return self.formulation.node_slopes(self.optimum.iterate, self.motion)
 
     @cached_property
-    def _first(self) -> Array | None:
-        """How a free start moves with the first controls."""
+    def _first(self) -> tuple[Array, Array] | None:
+        """How a free start moves with the given one, and with the first controls."""
         features, us = self.formulation.pieces.signature.features, self.optimum.iterate.us
         found = next((feature for feature in features if isinstance(feature, MovedStart)), None)
         return None if found is None else found.slopes(self.formulation.problem, self.formulation.layout, us)
@@ -185,7 +185,8 @@ class OptimumReader:
         states = np.einsum("nij,nj->ni", nodes.in_states, xs)
         states += np.einsum("nij,nj->ni", nodes.in_us, np.vstack([read.us, read.us[-1:]]))
         if self._first is not None:
-            states[0] = self._first @ us[0]
+            in_given, in_us = self._first
+            states[0] = in_given @ (nodes.in_states[0] @ xs[0]) + in_us @ us[0]
         dts = move.stretch * self.motion.dts
         if "h" in at.rows:
             dts = problem.dt * np.where(problem.timeline.is_impact, 0.0, xs[1:, at.rows["h"]][:, 0])
@@ -216,11 +217,12 @@ class OptimumReader:
         of_us = np.zeros((len(xs), problem.robot.nu))
         if bars.keys() & {"qs", "vs"}:
             of_states = np.hstack([bars.get(name, np.zeros_like(motion.vs)) for name in ("qs", "vs")])
-            if self._first is not None:
-                us[0] = self._first.T @ of_states[0]
-                of_states[0] = 0.0
-            xs = np.einsum("nij,ni->nj", self._nodes.in_states, of_states)
             of_us = np.einsum("nij,ni->nj", self._nodes.in_us, of_states)
+            if self._first is not None:
+                in_given, in_us = self._first
+                us[0], of_us[0] = in_us.T @ of_states[0], 0.0
+                of_states[0] = in_given.T @ of_states[0]
+            xs = np.einsum("nij,ni->nj", self._nodes.in_states, of_states)
             of_us[-2] += of_us[-1]
         if "us" in bars:
             np.add.at(of_us, self._steps, bars["us"])

@@ -15,6 +15,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from mbocp.exceptions import InvalidValue
+
 _MOMENTS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))  # in Pinocchio's order
 _OF_MODEL = ("inertia", "joint_placement", "frame_placement")
 _TRANSLATION = range(9, 12)  # after the rotation
@@ -99,7 +101,13 @@ def values_of(model: pin.Model, numbers: Iterable[ModelNumber]) -> NDArray[np.fl
 
 
 def with_values(model: pin.Model, numbers: Sequence[ModelNumber], values: Iterable[float]) -> pin.Model:
-    """Copy of a model with other values of the numbers."""
+    """Copy of a model with other values of the numbers.
+
+    Raises
+    ------
+    InvalidValue
+        If moments of inertia are those of no body.
+    """
     found = pin.Model(model)
     changed: dict[tuple[str, int], NDArray[np.float64]] = {}
     for number, value in zip(numbers, values, strict=True):
@@ -110,7 +118,11 @@ def with_values(model: pin.Model, numbers: Sequence[ModelNumber], values: Iterab
             moments = np.zeros((3, 3))
             for moment, (i, j) in zip(entries[4:], _MOMENTS, strict=True):
                 moments[i, j] = moments[j, i] = moment
-            found.inertias[index] = pin.Inertia(float(entries[0]), entries[1:4], moments)
+            try:
+                found.inertias[index] = pin.Inertia(float(entries[0]), entries[1:4], moments)
+            except RuntimeError as error:  # Pinocchio: a moment about some axis is negative
+                name, got = f"inertia of {model.names[index]}", entries[4:].tolist()
+                raise InvalidValue(name, got, "moments that are positive about all axes") from error
             continue
         placement = pin.SE3(entries[:9].reshape(3, 3, order="F"), entries[9:])
         if of == "joint_placement":

@@ -70,9 +70,17 @@ def test_is_what_differences_say(reader):
     robot, move = formulation.problem.robot, random_move(reader, np.random.default_rng(1))
     tangents, kind = np.vstack([move.start, move.step.xs]), programme.kind
 
+    def begins_elsewhere(size):
+        problem, layout = formulation.problem, formulation.layout
+        if problem.start_free is None:
+            return formulation
+        q_start = robot.integrate(problem.q_start, size * move.start[: layout.nw])
+        v_start = problem.v_start + size * move.start[layout.ds]
+        return replace(formulation, problem=replace(problem, q_start=q_start, v_start=v_start))
+
     def moved(size):
         xs = call(programme.functions, "retract", len(tangents), [at.xs, size * tangents])[0].dense(kind.nx)
-        motion = formulation.motion_of(replace(at, xs=xs, us=at.us + size * move.step.us))
+        motion = begins_elsewhere(size).motion_of(replace(at, xs=xs, us=at.us + size * move.step.us))
         away = [robot.difference(*pair) for pair in zip(reader.motion.qs, motion.qs, strict=True)]
         return {
             "qs": np.array(away),

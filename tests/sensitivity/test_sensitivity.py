@@ -129,7 +129,15 @@ def arm_with_a_cool_wrist():
     return example("arms/ur5_reach.toml", steps=10, limits={"effort_rms": {"wrist_3_joint": 0.03}})
 
 
+def walker_from_a_free_start():
+    """On legs of other lengths it starts elsewhere."""
+    return example("walking/compass_gait.toml")
+
+
 CASES = [
+    pytest.param(
+        walker_from_a_free_start, "robot.frame.standing_foot.length", 0, 2e-3, marks=pytest.mark.slow
+    ),
     (arm_that_follows_the_time, "horizon.duration", 0, 1e-3),
     (arm_along_a_path, "robot.joint.elbow_joint.length", 0, 1e-5),
     (upright_cup, "start.q", 1, 1e-3),
@@ -322,6 +330,38 @@ def test_end_conditions_turn_with_the_goal_as_those_formulated_anew(path, steps)
     assert np.allclose(found.rho_terminal, expected.rho_terminal, atol=1e-10)
 
 
+def test_closed_loops_go_along_with_a_pose():
+    """Midpoint's velocities lie across loops, too, and which of these are zero goes with the end."""
+    word = "goal.frame.left_tip.position"
+
+    def problem_to(x):
+        goal = {"goal.q": {}, "goal.v": 0, "goal.frame": {"name": "left_tip", "x": x, "z": 0.6}}
+        changes = {"integrator.scheme": "midpoint", "solver.tolerance": 1e-12, "cost.velocity": 3.0, **goal}
+        return mbocp.load_problem(EXAMPLES / "loops/five_bar.toml", changes)
+
+    def controls(size):
+        return solved(problem_to(0.2 + 1e-4 * size)).us
+
+    exact = mbocp.sensitivities(solved(problem_to(0.2)), [word]).of("us", word)[..., 0]
+    expected = sum(weight * controls(at) for at, weight in POINTS) / 1e-4
+    assert np.abs(expected - exact).max() <= TOLERANCE * np.abs(expected).max()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:2 limits are active with next to no multiplier")
+def test_velocities_at_the_goal_are_those_that_contacts_allow():
+    problem, solution = optimum(feet_in_contact)
+    derivatives = mbocp.sensitivities(solution, ["goal.v"])
+    (goal,) = derivatives.parameters
+    end = goal.problem
+    tied = end.timeline.switches.at_end(end.goal.q, of_rates=True)
+    wanted = np.random.default_rng(0).normal(size=problem.robot.nv)
+    given = goal.put(end, wanted).goal.value
+    assert np.abs(tied @ wanted).max() > 0.1
+    assert np.abs(tied @ given).max() < 1e-12
+    assert np.allclose(derivatives.of("vs", "goal.v")[-1] @ wanted, given, atol=1e-8)
+
+
 def test_end_conditions_that_are_left_out_shift_no_other_number():
     path = EXAMPLES / "so3/unicycle_pendulum.toml"
     problem = mbocp.load_problem(path, {"limits.velocity": {"pendulum": 9.0}})
@@ -400,6 +440,13 @@ def test_what_has_no_derivatives_is_refused():
         derivatives.of("ps", "robot.payload.crate.mass")
     with pytest.raises(DimensionMismatch, match="us"):
         derivatives.gradient(us=np.zeros(3))
+
+
+def test_numbers_that_no_body_has_are_refused():
+    _, solution = optimum(arm_with_payload)
+    (numbers,) = mbocp.sensitivities(solution, ["robot.numbers"]).parameters
+    with pytest.raises(InvalidValue, match=r"inertia of wrist_3_joint: .* positive about all axes"):
+        numbers.put(numbers.problem, numbers.value - 10.0)
 
 
 def test_a_point_mass_has_derivatives_in_its_inertia():

@@ -135,16 +135,25 @@ class MovedStart(Feature):
         vs[0] = problem.v_start + move[robot.nv :]
         return replace(motion, qs=qs, vs=vs)
 
-    def slopes(self, problem: Problem, at: StateLayout, us: Array) -> Array:
-        """Derivatives of the start's configuration and velocity in the first controls, shape (2 nv, nu)."""
+    def slopes(self, problem: Problem, at: StateLayout, us: Array) -> tuple[Array, Array]:
+        """Derivatives of the start's configuration and velocity.
+
+        Returns
+        -------
+        in_given : ndarray, shape (2 nv, 2 nv)
+            In those of the given start.
+        in_us : ndarray, shape (2 nv, nu)
+            In the first controls.
+        """
         robot, where = problem.robot, at.controls["moves"]
-        move, along = np.zeros(2 * robot.nv), np.eye(2 * robot.nv)
+        move, in_given, along = np.zeros(2 * robot.nv), np.eye(2 * robot.nv), np.eye(2 * robot.nv)
         move[list(self.directions)] = us[0, where]
-        turned = pin.dIntegrate(robot.model, problem.q_start, move[: robot.nv], pin.ArgumentPosition.ARG1)
-        along[: robot.nv, : robot.nv] = turned
-        found = np.zeros((2 * robot.nv, us.shape[1]))
-        found[:, where] = along[:, list(self.directions)]
-        return found
+        for found, argument in ((in_given, pin.ArgumentPosition.ARG0), (along, pin.ArgumentPosition.ARG1)):
+            turned = pin.dIntegrate(robot.model, problem.q_start, move[: robot.nv], argument)
+            found[: robot.nv, : robot.nv] = turned
+        in_us = np.zeros((2 * robot.nv, us.shape[1]))
+        in_us[:, where] = along[:, list(self.directions)]
+        return in_given, in_us
 
 
 def _free_directions(problem: Problem) -> tuple[int, ...]:

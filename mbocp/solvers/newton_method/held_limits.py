@@ -7,7 +7,6 @@ active limits are equations, and the others are none.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,9 +60,13 @@ def hold(
     native = kernel_programme(programme)
     iterate.load_into(native)
     if held.any():
+        nx, num_known = programme.kind.nx, programme.kind.nx + programme.kind.nu
+        parts = (("x", slice(nx)), ("u", slice(nx, num_known)), ("path", slice(num_known, None)))
         lower, upper = np.where(held, sides, -np.inf), np.where(held, sides, np.inf)
-        fixed = replace(programme, num_guards=0)
-        set_bounds(native, fixed, programme.bounds.with_sides(lower, upper))
+        bounds = dict[str, Array]()
+        for what, at in parts:
+            bounds[f"{what}_lower"], bounds[f"{what}_upper"] = lower[:, at].ravel(), upper[:, at].ravel()
+        set_bounds(native, programme, bounds, num_guards=0)
         native.start_limits(_ANY)
         native.z_upper = pulls[held]
     return native

@@ -251,9 +251,11 @@ def _load(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> 
 
 def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     """Message about limits that the barrier cannot keep, or None."""
+    if not programme.kind.groups:
+        return None
     bounds = programme.bounds
     has_states = np.isfinite([bounds.x_lower, bounds.x_upper]).any()
-    if programme.kind.groups and (bounds.nh or has_states or programme.num_guards):
+    if bounds.nh or has_states or programme.num_guards:
         return "keeps no path constraints in natural coordinates"
     return None
 
