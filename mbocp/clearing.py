@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import field, replace
 
 import numpy as np
@@ -119,9 +120,10 @@ class OtherWays:
 
         def work(place: int, watch: Watch) -> Solution | None:
             other = _on_way(problem, seeds[place], solver)
-            if other is None or job.is_late or job.patience.is_over:
+            if other is None or job.is_late:
                 return None
-            return self.once.run(replace(job, problem=other, callback=watch))
+            # What is left is for each of them, whatever others have taken of it by then.
+            return self.once.run(replace(job, problem=other, callback=watch, patience=copy(job.patience)))
 
         row = SideBySide(work, len(seeds), job.callback, ends=_ends_search, is_interrupted=_is_interrupted)
         tried = [found for found in row.run(threads).values() if found is not None]

@@ -128,7 +128,10 @@ class _Descent:
             limited = replace(
                 self.settings, options=rough if share else options, time_limit=time_until(self._deadline)
             )
-            outcome = run_strategy(limited, Start(weighed, iterate, self.start.callback, self._first, label))
+            start = replace(
+                self.start, programme=weighed, iterate=iterate, first=self._first, label=label, before=None
+            )
+            outcome = run_strategy(limited, start)
             self.runs.append(_Run(share, outcome))
             if not self.runs[-1].is_solved:
                 return

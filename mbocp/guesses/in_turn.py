@@ -22,7 +22,7 @@ from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_easing
 from mbocp.guesses.make import none_made
-from mbocp.guesses.screening import is_better, with_end
+from mbocp.guesses.screening import is_preferred, status_of, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
 from mbocp.job import Job, settings_of
 from mbocp.programme import Iterate
@@ -137,15 +137,15 @@ def solve_from_guesses(job: Job, formulation: Formulation, phases: list[Phase]) 
         if job.rough:
             return outcome, guess.words
         begun.append((guess, with_end(formulation, outcome)))
-        if tried.ends_with(begun[-1][1], guess.words, job):
+        if tried.ends_with(formulation, begun[-1][1], guess.words, job):
             return tried.end()
     for guess, before in begun if alone.is_newton_alone else ():
-        if settings.is_spent(before.iterations):
+        if settings.is_spent(before.iterations) or before.result.status is Status.CONVERGED:
             continue
         start = replace(_start(job, formulation, guess, tried), before=before.result)
         outcome = _go_on(job, settings, start, before, is_doubtful=tried.is_infeasible)
         phases += outcome.phases
-        if tried.ends_with(with_end(formulation, outcome), guess.words, job, before):
+        if tried.ends_with(formulation, with_end(formulation, outcome), guess.words, job, before):
             break
     return tried.end()
 
@@ -219,16 +219,12 @@ def _descend(
     job: Job, formulation: Formulation, settings: SolverSettings, start: Start, *, may_ease: bool
 ) -> Outcome:
     """Run the solver from a guess; then, where effort alone costs, look for a cheaper motion."""
-    settings = replace(settings, time_limit=time_until(job.deadline))
-    outcome, patience = run_strategy(settings, start), job.patience
+    outcome = run_strategy(replace(settings, time_limit=time_until(job.deadline)), start)
     has_failed = outcome.result.status is not Status.CONVERGED
-    if job.rough or not may_ease or (has_failed and patience.is_over):
+    if job.rough or not may_ease or (has_failed and job.patience.is_over):
         return outcome
-    begun = time.perf_counter()
-    until = min(job.deadline, begun + patience.left) if has_failed else job.deadline
-    outcome = try_easing(formulation, replace(settings, time_limit=time_until(until)), start, outcome)
-    patience.spend(time.perf_counter() - begun)
-    return outcome
+    further = start if has_failed else replace(start, patience=None)  # what is solved may take its time
+    return try_easing(formulation, replace(settings, time_limit=time_until(job.deadline)), further, outcome)
 
 
 @dataclass(eq=False)
@@ -257,15 +253,27 @@ class _GuessRecord:
         """Whether a solver says that nothing solves the problem."""
         return self.best is not None and self.best[0].result.status is Status.INFEASIBLE
 
-    def ends_with(self, outcome: Outcome, words: str, job: Job, before: Outcome | None = None) -> bool:
-        """Take account of one more outcome, which takes the place of that before; whether it is the last."""
-        result = outcome.result
+    def ends_with(
+        self, formulation: Formulation, outcome: Outcome, words: str, job: Job, before: Outcome | None = None
+    ) -> bool:
+        """Take account of one more outcome, which takes the place of that before; whether it is the last.
+
+        After others have failed, what the steps do not resolve is kept, and a motion that they do is looked
+        for as long as patience lasts.
+        """
+        result, is_first = outcome.result, self.best is None
         self.history += result.history
         is_solved = result.status is Status.CONVERGED
-        if self.best is None or self.best[0] is before or is_solved or is_better(result, self.best[0].result):
+        if (
+            self.best is None
+            or self.best[0] is before
+            or is_preferred(formulation, outcome, (formulation, self.best[0]))
+        ):
             self.best = (outcome, words)
         elif result.status is Status.INTERRUPTED:
             self._interrupt()
+        if is_solved and not is_first:
+            is_solved = status_of(formulation, outcome) is Status.CONVERGED
         return job.is_only or job.patience.is_over or is_solved or result.status.is_stopped
 
     def stop(self, error: CompilationTimeout | KeyboardInterrupt) -> None:

@@ -161,7 +161,8 @@ class Screening:
     @property
     def _is_over(self) -> bool:
         is_stopped = bool(self.runs) and self.runs[-1].result.status is Status.INTERRUPTED
-        return is_stopped or time.perf_counter() > self._deadline
+        is_in_vain = self.start.patience is not None and self.start.patience.is_over
+        return is_stopped or is_in_vain or time.perf_counter() > self._deadline
 
     def _trials(self, coarse: Formulation, ways: Sequence[tuple[float, Sequence[float]]]) -> Iterator[Trial]:
         """Ends of the trials that get there, one of those that meet on their way."""
@@ -214,7 +215,7 @@ class Screening:
                 time_limit=time_until(self._deadline),
                 control_weight=formulation.programme.control_weight,
             ),
-            Start(programme, iterate, self.start.callback, first, label),
+            replace(self.start, programme=programme, iterate=iterate, first=first, label=label, before=None),
         )
         self.runs.append(outcome)
         return outcome

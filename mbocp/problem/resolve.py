@@ -161,7 +161,8 @@ def _obstacles(
     obstacle = tuple(said_obstacle)
     if not obstacle and own is None:
         return obstacle, own, None, path_with_junctions, goal_at_pose
-    found = clearance_of(robot, obstacle, own, limits)
+    is_given = goal_at_pose.is_exact and goal_at_pose.q_active.all()
+    found = clearance_of(robot, obstacle, own, limits, [q_start, goal_at_pose.q] if is_given else [q_start])
     path = (*path_with_junctions, found) if found.rows else path_with_junctions
     return obstacle, own, found, path, clear_configuration(robot, goal_at_pose, q_start, limits_at_end, found)
 

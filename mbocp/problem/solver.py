@@ -218,7 +218,7 @@ class SolverTable(Table):
     time_limit: Annotated[
         Finite | None,
         positive("s"),
-        Key("wall time; else [twenty times](solver.md#when-attempts-fail) the first attempt's", "s"),
+        Key("wall time; else [twenty times](solver.md#when-attempts-fail) the first attempt", "s"),
     ] = SolverOptions.time_limit
     linear_solver: Annotated[str, choice(LINEAR_SOLVERS), Key("of `ipopt`")] = SolverOptions.linear_solver
     starts: Annotated[

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,11 +12,16 @@ from typing import Any
 import pytest
 
 import mbocp
+from mbocp.formulation import formulate
+from mbocp.guesses.in_turn import _GuessRecord
+from mbocp.guesses.make import make_guess
+from mbocp.guesses.screening import status_of
+from mbocp.job import Job, settings_of
 from mbocp.problem import Problem
 from mbocp.problem.reasons.cause import Cause
-from mbocp.solvers import Status
+from mbocp.solvers import Start, Status, run_strategy
 from mbocp.solvers.strategies import patience
-from mbocp.solvers.strategies.patience import Patience
+from mbocp.solvers.strategies.patience import Patience, time_of_iteration
 from tests.problem.test_causes import floats
 
 PAPER = Path(__file__).parents[2] / "examples" / "paper"
@@ -50,7 +56,7 @@ def weak(**more: Any) -> Problem:
 
 @pytest.fixture(params=[0.0, 1e3], ids=["none", "much"])
 def left(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> float:
-    """How much time is left after a first failure [s]."""
+    """How much is left after a first failure, in the time that it is reckoned to take [s]."""
     monkeypatch.setattr(patience, "_TIMES", 0.0)
     monkeypatch.setattr(patience, "_LEAST", request.param)
     return float(request.param)
@@ -71,7 +77,7 @@ def test_a_budget_ends_an_attempt_on_its_way(monkeypatch: pytest.MonkeyPatch) ->
     s = mbocp.solve(weak())
     assert len(names(s)) == 2
     assert s.status not in (Status.CONVERGED, Status.TIME_LIMIT)
-    assert "further attempts ended after 1e-06 s" in s.advice
+    assert "further attempts ended after as many iterations as take about 1e-06 s" in s.advice
     assert "within solver.time_limit" not in s.advice
 
 
@@ -81,24 +87,72 @@ def test_a_limit_of_the_users_stands_for_the_budget(monkeypatch: pytest.MonkeyPa
     assert len(names(mbocp.solve(weak(**{"solver.time_limit": 600})))) > 1
 
 
-def phase(status: Status, *seconds: float) -> Any:
-    history = [SimpleNamespace(wall_time_s=9.0, is_guess=True)]
-    history += [SimpleNamespace(wall_time_s=s, is_guess=False) for s in seconds]
+def phase(status: Status, iterations: int) -> Any:
+    history = [SimpleNamespace(wall_time_s=9.0, is_guess=n == 0) for n in range(iterations + 1)]
     return SimpleNamespace(status=status, history=history)
 
 
-@pytest.mark.parametrize(("first", "given"), [(0.001, 2.0), (0.5, 20.0)])
-def test_twenty_times_the_first_attempt_are_left_or_two_seconds(first: float, given: float) -> None:
-    """Of iterations alone: what came before the first one compiles, and does not count."""
+@pytest.mark.parametrize(("each", "given"), [(1e-4, 2.0), (0.05, 20.0)])
+def test_twenty_times_the_first_attempt_are_left_or_two_seconds(each: float, given: float) -> None:
+    """By the iterations and their size: how long they take on a machine does not count."""
     own = Patience()
-    own.count(phase(Status.SWITCHED, first))
-    own.count(phase(Status.STAGNATED, first))
+    own.count(phase(Status.SWITCHED, 10), each)
+    assert own.iterations(each) is None
+    own.count(phase(Status.STAGNATED, 10), each)
     assert own.left == pytest.approx(given)
-    own.count(phase(Status.STAGNATED, given - 0.5))
+    own.count(phase(Status.STAGNATED, 3), (given - 0.5) / 3)
     assert own.left == pytest.approx(0.5)
+    assert own.iterations(0.2) == 3
     assert not own.is_over
-    own.count(phase(Status.STAGNATED, 0.6))
+    own.count(phase(Status.STAGNATED, 3), 0.2)
     assert own.is_over
+    assert own.iterations(0.2) == 0
+
+
+@pytest.mark.parametrize("method", ["monolithic", "ipopt"])
+def test_a_phase_takes_the_iterations_that_are_left(method: str) -> None:
+    """Whatever it takes: its own limit is the user's, and this one ends it as stagnated."""
+    formulation, own = formulate(weak().with_(solver={"method": method})), Patience()
+    programme, guess = formulation.programme, make_guess("line", formulation)[0]
+    own.count(phase(Status.STAGNATED, 1), 1.0)
+    own.left = 7 * time_of_iteration(programme, is_interior=method == "ipopt")
+    outcome = run_strategy(settings_of(formulation), Start(programme, guess, patience=own))
+    assert outcome.iterations == 7
+    assert outcome.result.status is Status.STAGNATED
+    assert outcome.result.advice.startswith("broken off after 7 iterations")
+    assert own.is_over
+
+
+def test_an_attempt_in_other_units_shares_it() -> None:
+    """As one does whose cost is tiny, or whose forces are."""
+    formulation, own = formulate(weak(**{"cost.effort": 1e-9, "solver.method": "monolithic"})), Patience()
+    assert not formulation.programme.units.are_users
+    guess = make_guess("line", formulation)[0]
+    outcome = run_strategy(settings_of(formulation), Start(formulation.programme, guess, patience=own))
+    assert outcome.result.status is not Status.CONVERGED
+    assert own.left < math.inf
+
+
+def test_what_steps_do_not_resolve_is_kept_and_does_not_end_the_search() -> None:
+    """After another guess has failed; the first one's end is the problem's own."""
+    goal = {"q": [0.5, 0.0], "v": 0}
+    formulation = formulate(Problem.create("double_pendulum", 1.0, 20, goal=goal, scheme="se1"))
+    job = Job.of(formulation.problem)
+    start = Start(formulation.programme, make_guess("line", formulation)[0])
+    fine = run_strategy(settings_of(formulation), start)
+    assert status_of(formulation, fine) is Status.CONVERGED
+    fast = replace(fine.result.iterate, xs=100.0 * fine.result.iterate.xs)
+    coarse = replace(fine, result=replace(fine.result, iterate=fast))
+    failed = replace(fine, result=replace(fine.result, status=Status.STAGNATED))
+    assert status_of(formulation, coarse) is Status.UNDER_RESOLVED
+    for first, ends in ((coarse, True), (failed, False)):
+        tried = _GuessRecord()
+        assert tried.ends_with(formulation, first, "first", job) is ends
+    assert not tried.ends_with(formulation, coarse, "second", job)
+    assert not tried.ends_with(formulation, failed, "third", job)
+    assert tried.end()[1] == "second"
+    assert tried.ends_with(formulation, fine, "fourth", job)
+    assert tried.end()[1] == "fourth"
 
 
 def test_causes_are_asked_once_and_after_failures_alone() -> None:
@@ -108,19 +162,19 @@ def test_causes_are_asked_once_and_after_failures_alone() -> None:
         return lambda status: asked.append(status) or cause  # type: ignore[func-returns-value]
 
     own = Patience(why_in_vain=why(None))
-    own.count(phase(Status.CONVERGED, 0.1))
+    own.count(phase(Status.CONVERGED, 1), 0.1)
     assert not asked
     for _ in range(2):
-        own.count(phase(Status.SINGULAR, 0.1))
+        own.count(phase(Status.SINGULAR, 1), 0.1)
     assert asked == [Status.SINGULAR]
     assert not own.is_over
     moon = Cause("reach", "tool0", "the goal is on the moon", is_certain=True, excess=9.0)
     vain = Patience(why_in_vain=why(moon), is_limited=False)
-    vain.count(phase(Status.SINGULAR, 0.1))
+    vain.count(phase(Status.SINGULAR, 1), 0.1)
     assert vain.is_over
     assert vain.words.endswith("none can help: the goal is on the moon")
     assert vain.status_of(Status.SINGULAR) is Status.INFEASIBLE
     assert vain.status_of(Status.TIME_LIMIT) is Status.TIME_LIMIT
     guess = Patience(why_in_vain=why(replace(moon, is_certain=False)))
-    guess.count(phase(Status.SINGULAR, 0.1))
+    guess.count(phase(Status.SINGULAR, 1), 0.1)
     assert guess.status_of(Status.SINGULAR) is Status.SINGULAR

@@ -103,6 +103,27 @@ def test_a_start_in_which_such_links_meet_is_refused() -> None:
         Problem.create("ur5", 1.0, 8, start={"q": start}, goal={"v": 0}, self_collision=True)
 
 
+def test_shapes_decide_where_spheres_overlap_at_the_goal() -> None:
+    """Those of a forearm and a last wrist, which are apart in the default pose, are 35 mm in each other."""
+    open_, bent = np.array([0.0, -1.0, 1.0, 0.0, 0.5, 0.0]), np.array([0.0, -1.0, 1.0, 1.57, 2.2, 0.0])
+    words: dict[str, Any] = {"start": {"q": open_}, "self_collision": True}
+    words["cost"] = {"effort": 1e-3, "velocity": 0.1}
+    beside = Problem.create("ur5", 2.0, 20, goal={"q": open_ + 0.1, "v": 0}, **words)
+    there = Problem.create("ur5", 2.0, 20, goal={"q": bent, "v": 0}, **words)
+    assert beside.clearance is not None
+    assert there.clearance is not None
+    assert beside.clearance.least(bent[None])[0] < -0.03
+    assert there.clearance.least(bent[None])[0] >= 0.0
+    solution = solve(there)
+    assert solution.converged, solution.advice
+    assert solution.clearance > 0.0
+    back = {"q": open_, "v": 0}
+    assert Problem.create("ur5", 2.0, 20, goal=back, **{**words, "start": {"q": bent}}).clearance is not None
+    folded = {"q": [0.0, -1.0, 1.0, 2.2, 2.2, 0.0], "v": 0}
+    with pytest.raises(ProblemError, match=r"at the goal forearm_link is .* inside wrist_3_link"):
+        Problem.create("ur5", 2.0, 20, goal=folded, **words)
+
+
 def motion(seed: int, spread: float) -> tuple[np.ndarray, np.ndarray]:
     """Times and configurations of four nodes."""
     rng = np.random.default_rng(seed)

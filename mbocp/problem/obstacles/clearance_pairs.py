@@ -22,7 +22,7 @@ from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.robot import Robot
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
-from mbocp.robot.collision.self_pairs import SelfPairs, self_pairs
+from mbocp.robot.collision.self_pairs import SelfPairs, are_kept_out_in_vain, self_pairs
 from mbocp.robot.kinematics import reach
 from mbocp.robot.loading.readers.urdf_xml import pairs_disabled_by
 
@@ -36,9 +36,15 @@ _BRANCHES, _RESTARTS = 24, 96  # of the search; a redundant arm has as many bran
 
 
 def clearance_of(
-    robot: Robot, obstacles: Sequence[Obstacle], own: SelfCollision | None, limits: Bounds
+    robot: Robot,
+    obstacles: Sequence[Obstacle],
+    own: SelfCollision | None,
+    limits: Bounds,
+    ends: Sequence[Array] = (),
 ) -> Clearance:
     """The clearance of a problem with obstacles, or whose links keep away from each other.
+
+    Where spheres of links keep them out of its ends, which shapes do not, these decide.
 
     Raises
     ------
@@ -59,7 +65,7 @@ def clearance_of(
     reasons = {each.name: _common([next(rest) for _ in each.pieces]) for each in obstacles}
     for obstacle in obstacles:
         _warn_if_astray(robot, obstacle, [*reasons[obstacle.name].values()], [*balls.values()])
-    found = _self_pairs(robot, own, limits)
+    found = _self_pairs(robot, own, limits, ends)
     between = () if found is None else found.spheres
     used = sorted({sphere for sphere, _ in kept}.union(*between))
     place = {sphere: n for n, sphere in enumerate(used)}
@@ -197,7 +203,9 @@ class _Gaps:
         return radius, gap, float(np.linalg.norm(center - self._middle))
 
 
-def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> SelfPairs | None:
+def _self_pairs(
+    robot: Robot, own: SelfCollision | None, limits: Bounds, ends: Sequence[Array]
+) -> SelfPairs | None:
     if own is None:
         return None
     disabled = {frozenset(pair) for pair in own.disabled}
@@ -215,15 +223,22 @@ def _self_pairs(robot: Robot, own: SelfCollision | None, limits: Bounds) -> Self
         for source in robot.shapes:
             pairs = source.disabled()
             disabled |= {frozenset(source.prefix + link for link in pair) for pair in pairs}
-    ranges = (limits.q_lower, limits.q_upper)
-    return _find_self_pairs(
-        robot, *(tuple(np.asarray(side).tolist()) for side in ranges), frozenset(disabled)
-    )
+    lower, upper = (tuple(np.asarray(side).tolist()) for side in (limits.q_lower, limits.q_upper))
+    found = _find_self_pairs(robot, lower, upper, frozenset(disabled))
+    given = robot.model, robot.collision_spheres, robot.collision_model, found
+    if not are_kept_out_in_vain(*given, ends, own.margin):
+        return found
+    places = tuple(tuple(np.asarray(q).tolist()) for q in ends)
+    return _find_self_pairs(robot, lower, upper, frozenset(disabled), places)
 
 
 @lru_cache(maxsize=16)
 def _find_self_pairs(
-    robot: Robot, q_lower: tuple[float, ...], q_upper: tuple[float, ...], disabled: frozenset[frozenset[str]]
+    robot: Robot,
+    q_lower: tuple[float, ...],
+    q_upper: tuple[float, ...],
+    disabled: frozenset[frozenset[str]],
+    given: tuple[tuple[float, ...], ...] = (),
 ) -> SelfPairs:
     """The same for all problems of a robot within the same limits."""
     lower, upper = (
@@ -233,8 +248,8 @@ def _find_self_pairs(
             (np.array(q_upper), robot.limits.position_upper),
         )
     )
-    shapes = robot.collision_model
-    return self_pairs(robot.model, robot.collision_spheres, robot.q0, (lower, upper), shapes, disabled)
+    own, poses = (robot.model, robot.collision_spheres, robot.q0), [np.array(q) for q in given]
+    return self_pairs(*own, (lower, upper), robot.collision_model, disabled, poses)
 
 
 def clear_configuration(

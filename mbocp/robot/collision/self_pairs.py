@@ -34,7 +34,7 @@ class SelfPairs(NamedTuple):
         Pairs of links by the reason for which they are left out.
     overlaps : tuple of float
         How deep spheres of a pair are in each other in poses in which the shapes of both links are not, where
-        that is so in the default pose [m].
+        that is so in the default pose, or in one that is given [m].
     """
 
     spheres: tuple[tuple[tuple[int, int], tuple[int, int]], ...]
@@ -50,6 +50,7 @@ def self_pairs(
     limits: tuple[Array, Array],
     shapes: pin.GeometryModel,
     disabled: Collection[frozenset[str]] = (),
+    given: Sequence[Array] = (),
 ) -> SelfPairs:
     """Pairs of links that can meet, and do not do so by their build.
 
@@ -65,8 +66,10 @@ def self_pairs(
         Of the links. One without shapes is its spheres.
     disabled : collection of frozenset of str
         Pairs of links by name that are left out.
+    given : sequence of ndarray, shapes (nq,)
+        Poses in which links are to be where their shapes let them.
     """
-    poses = [q0, *_poses(model, q0, *limits, _POSES)]
+    poses = [q0, *given, *_poses(model, q0, *limits, _POSES)]
     placed = _place(model, links, poses)
     dense: list[Array] = []
     chosen, kept, overlaps = [], [], list[float]()
@@ -79,8 +82,9 @@ def self_pairs(
             pair = links[a], links[b]
             gaps = _gaps(pair, (placed[a], placed[b]))
             overlap = np.zeros(gaps.shape[1:])
-            if gaps[0].min() < 0.0 and not (meeting := _Meeting(model, shapes, pair)).is_at(q0):
-                dense = dense or [q0, *_poses(model, q0, *limits, _DENSE)]
+            meeting = _Meeting(model, shapes, pair)
+            if _is_in_vain(gaps[: 1 + len(given)].min(axis=(1, 2)), meeting, poses):
+                dense = dense or [q0, *given, *_poses(model, q0, *limits, _DENSE)]
                 overlap = _overlap(model, pair, meeting, dense)
                 gaps += overlap
             reason = _by_distance(gaps.min(axis=(1, 2)))
@@ -93,6 +97,34 @@ def self_pairs(
         kept.append(names)
     told = {reason: tuple(pairs) for reason, pairs in left_out.items()}
     return SelfPairs(tuple(chosen), tuple(kept), told, tuple(overlaps))
+
+
+def are_kept_out_in_vain(
+    model: pin.Model,
+    links: Sequence[LinkSpheres],
+    shapes: pin.GeometryModel,
+    found: SelfPairs,
+    qs: Sequence[Array],
+    margin: float,
+) -> bool:
+    """Whether spheres of links are nearer to each other than a margin [m] where these do not meet."""
+    placed = _place(model, links, qs)
+    for n, q in enumerate(qs):
+        near = set()
+        for ((a, i), (b, j)), overlap in zip(found.spheres, found.overlaps, strict=True):
+            away = float(np.linalg.norm(placed[a][n, i] - placed[b][n, j]))
+            if away + overlap < links[a].radii[i] + links[b].radii[j] + margin:
+                near.add((a, b))
+        if any(not _Meeting(model, shapes, (links[a], links[b])).is_at(q) for a, b in near):
+            return True
+    return False
+
+
+def _is_in_vain(nearest: Array, meeting: _Meeting, poses: Sequence[Array]) -> bool:
+    """Whether spheres overlap in a pose in which shapes do not; in the first, the default, these may not."""
+    overlapping = np.flatnonzero(nearest < 0.0).tolist()
+    is_apart = bool(overlapping) and not meeting.is_at(poses[0])
+    return is_apart and any(not meeting.is_at(poses[n]) for n in overlapping)
 
 
 def _by_build(model: pin.Model, a: LinkSpheres, b: LinkSpheres, disabled: Collection[frozenset[str]]) -> str:

@@ -70,6 +70,8 @@ class InteriorPoint:
         [s].
     linear_solver : {"auto", "mumps", "ma27"}
         Of IPOPT.
+    allowance : int or None
+        Iterations after which it is ended as if its time were over, whatever its limit; None: there is none.
     """
 
     name: str
@@ -77,6 +79,7 @@ class InteriorPoint:
     max_iterations: int
     time_limit: float | None = None
     linear_solver: str = "auto"
+    allowance: int | None = None
 
     @property
     def title(self) -> str:
@@ -125,7 +128,8 @@ class InteriorPoint:
         log = IterationLog(phase, first, callback)
         bounds = bounds_of(programme, lay)
         inner = tighten(bounds) if self.name == "fatrop" else bounds
-        iteration_callback.start(self.time_limit and clock + self.time_limit - time.perf_counter())
+        left = self.time_limit and clock + self.time_limit - time.perf_counter()
+        iteration_callback.start(left, self.allowance)
         p = parameters(programme)
         guess, solver = _Point(_pack(iterate, lay), np.zeros(lay.num_rows)), compiled.solver()
         if begin is not None:

@@ -145,11 +145,13 @@ class IterationCallback(ca.Callback):
         self.reason = ""
         self.is_wanted: Callable[[], bool] = lambda: True
         self._size, self._deadline = size, math.inf
+        self._places, self._allowance = 0, math.inf
         self.construct("iteration_callback", {})
 
-    def start(self, time_limit: float | None) -> None:
-        """Start the clock."""
+    def start(self, time_limit: float | None, allowance: int | None = None) -> None:
+        """Start the clock, and count iterations."""
         self.last, self.reason = None, ""
+        self._places, self._allowance = 0, math.inf if allowance is None else allowance
         self._deadline = math.inf if time_limit is None else time.monotonic() + time_limit
 
     def get_n_in(self) -> int:
@@ -174,12 +176,14 @@ class IterationCallback(ca.Callback):
 
     def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview]) -> int:
         """Zero, or not a number."""
+        here = np.frombuffer(arguments[0], dtype=np.float64)
+        self._places += self.last is None or not np.array_equal(self.last, here)
         if not self.is_wanted():
             self.reason = "interrupted"
-        elif time.monotonic() > self._deadline:
+        elif time.monotonic() > self._deadline or self._places > 1 + self._allowance:
             self.reason = "time_limit"
         if not self.reason:
-            self.last = np.frombuffer(arguments[0], dtype=np.float64).copy()
+            self.last = here.copy()
         if results[0] is not None:
             np.frombuffer(results[0], dtype=np.float64)[:] = math.nan if self.reason else 0.0
         return 0

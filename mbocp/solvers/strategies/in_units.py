@@ -107,12 +107,12 @@ def iterate_in(units: Units, iterate: Iterate) -> Iterate:
 def _start_in(units: Units, start: Start, label: str) -> Start:
     """The same start in other units; its callback sees costs as before."""
     callback = start.callback
-    return Start(
-        count_in(units, start.programme),
-        iterate_in(units, start.iterate),
-        None if callback is None else lambda record: callback(_count_record(units, record)),
-        start.first,
-        label + start.label,
+    return replace(
+        start,
+        programme=count_in(units, start.programme),
+        iterate=iterate_in(units, start.iterate),
+        callback=None if callback is None else lambda record: callback(_count_record(units, record)),
+        label=label + start.label,
         before=None if start.before is None else _count_result(units, start.before),
     )
 

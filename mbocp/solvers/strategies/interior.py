@@ -22,6 +22,7 @@ def run_interior(name: str, phases: Phases) -> tuple[SolverResult, str]:
         settings.interior_iterations(phases.taken),
         phases.time_left,
         settings.options.linear_solver,
+        phases.allowance(is_interior=True),
     )
     found = phases.run_interior(solver, name, phases.guess)
     if found.status not in _SETTLED or not can_be_polished(phases.programme):

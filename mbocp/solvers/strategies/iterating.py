@@ -60,13 +60,13 @@ def run(
     first: int = 0,
     should_stop: StopTest | None = None,
     deadline: float = math.inf,
-    allowance: float = math.inf,
+    allowance: int | None = None,
 ) -> SolverResult:
     """Iterate until the solver ends or somebody presses Ctrl-C; the callback sees every record.
 
     `first` is the number of iterations before this run, where the records go on counting. `should_stop` gets
     the records so far; a run that it stops has stagnated. `deadline` is the time of
-    `time.perf_counter` at which no further iteration begins; `allowance` a time from the first one on [s].
+    `time.perf_counter` at which no further iteration begins, `allowance` how many there may be.
 
     Without convergence the iterate with the smallest residual is returned, unless the last one is it.
     """
@@ -74,11 +74,10 @@ def run(
     state = solver.init(programme, iterate)
     guess = _record(state, phase, first, time.perf_counter() - clock)
     course = _Course(solver, programme, callback, state, [guess], iterate, guess)
-    deadline = min(deadline, time.perf_counter() + allowance)
     try:
         if callback:
             callback(guess)
-        status = course.go_on(should_stop, deadline)
+        status = course.go_on(should_stop, deadline, allowance)
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     return course.end(status)
@@ -109,12 +108,12 @@ class _Course:
     best: Iterate
     best_record: IterationRecord
 
-    def go_on(self, should_stop: StopTest | None, deadline: float) -> Status:
+    def go_on(self, should_stop: StopTest | None, deadline: float, allowance: int | None) -> Status:
         """Iterate to the end; return how it ended."""
         phase, first = self.history[0].phase, self.history[0].iteration
         while (status := self.solver.terminate(self.state)) is None:
             clock = time.perf_counter()
-            if clock > deadline:
+            if clock > deadline or (allowance is not None and self.state.iteration >= allowance):
                 return Status.TIME_LIMIT
             self.state = self.solver.step(self.state)
             if first + self.state.iteration == self.history[-1].iteration:

@@ -16,7 +16,7 @@ from mbocp.solvers.options import SolverSettings
 from mbocp.solvers.protocol import Solver
 from mbocp.solvers.records import Callback, IterationRecord, Phase, Status, deadline_after, time_until
 from mbocp.solvers.strategies.iterating import SolverResult, StopTest, run
-from mbocp.solvers.strategies.patience import Patience
+from mbocp.solvers.strategies.patience import Patience, time_of_iteration
 
 if TYPE_CHECKING:
     from mbocp.solvers.nlp.interior_point import InteriorPoint
@@ -129,8 +129,12 @@ class Phases:
 
     @property
     def time_left(self) -> float | None:
-        """Until the time limit, or the end of patience [s]; None: there is neither."""
-        return time_until(min(self.deadline, time.perf_counter() + self.patience.left))
+        """Until the time limit [s]; None: there is none."""
+        return time_until(self.deadline)
+
+    def allowance(self, *, is_interior: bool = False) -> int | None:
+        """Iterations that patience leaves to Newton's method, or to IPOPT; None: as many as it takes."""
+        return self.patience.iterations(time_of_iteration(self.programme, is_interior=is_interior))
 
     @property
     def is_in_vain(self) -> bool:
@@ -157,13 +161,13 @@ class Phases:
                 first=self.first,
                 should_stop=should_stop,
                 deadline=self.deadline,
-                allowance=self.patience.left,
+                allowance=self.allowance(),
             )
         except KeyboardInterrupt:
             if self.last is None:
                 raise
             result = replace(self.last.with_interrupt(), history=())
-        return self._keep(result, name, clock)
+        return self._keep(result, name, clock, time_of_iteration(self.programme))
 
     def run_interior(self, solver: InteriorPoint, name: str, iterate: Iterate) -> SolverResult:
         """Run an interior-point solver, where it can be ended: fatrop always, IPOPT if there is a time limit.
@@ -176,9 +180,10 @@ class Phases:
         arguments = (self.programme, iterate, self.callback, name + self.label, self.first)
         is_apart = solver.name == "fatrop" or math.isfinite(self.deadline)
         result = run_apart(solver, *arguments) if is_apart else solver.run(*arguments)
-        return self._keep(result, name, clock)
+        return self._keep(result, name, clock, time_of_iteration(self.programme, is_interior=True))
 
-    def _keep(self, result: SolverResult, name: str, clock: float) -> SolverResult:
+    def _keep(self, result: SolverResult, name: str, clock: float, each: float) -> SolverResult:
+        """Add a phase to the account, that began at `clock`; its iterations take so long `each` [s]."""
         taken = sum(not record.is_guess for record in result.history)
         self.history += result.history
         self.phases.append(Phase(name + self.label, taken, time.perf_counter() - clock))
@@ -186,7 +191,7 @@ class Phases:
             advice = f"broken off after {taken} iterations (residual {result.record.residual:.1e})"
             result = replace(result, status=Status.STAGNATED, advice=advice)
             self.patience.end()
-        self.patience.count(result)
+        self.patience.count(result, each)
         self.last = result
         return result
 
