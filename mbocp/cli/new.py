@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.padding import Padding
 from rich.text import Text
 
 from mbocp._files import is_file
 from mbocp._keys import without_links
 from mbocp.cli.app import Dynamics, FreeFlyer, Json, Locks, PackageDirs, Quiet, Robot, argument, output_file
-from mbocp.cli.console import output, plain_table
+from mbocp.cli.console import output
 from mbocp.cli.key_search import find_keys
 from mbocp.cli.robot_options import ROOT, RobotOptions
 from mbocp.cli.solve import check_output
@@ -46,13 +47,11 @@ def keys(
     lines: dict[tuple[str, Row], list[str]] = {}  # keys beside each other that one row describes
     for key, row in chosen.items():
         lines.setdefault((key.rpartition(".")[0], row), []).append(key)
-    table = plain_table("key", "takes", "unit", "default", "meaning")
-    table.columns[0].no_wrap = True
+    console = output()
     for (under, row), (first, *others) in lines.items():
         names = ", ".join([first, *(other.removeprefix(f"{under}.") for other in others)])
-        cells = (row.takes, row.unit, row.default, row.says)
-        table.add_row(Text(names, style="bold"), *(Text(without_links(cell)) for cell in cells))
-    output().print(table)
+        taken, says = (without_links(words).replace("`", "") for words in (row.brackets(), row.says))
+        console.print(Text.assemble((names, "bold"), taken), Padding(Text(says), (0, 0, 0, 4)), sep="\n")
 
 
 def _facts(key: str, row: Row) -> dict[str, str]:

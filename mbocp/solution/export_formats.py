@@ -39,6 +39,7 @@ _SUFFIXES = {
     ".mcap": "mcap",
     ".rrd": "rerun",
 }
+_MOVIES = (".gif", ".mp4")
 
 
 def format_of(path: Path, name: str | None = None) -> str:
@@ -52,6 +53,8 @@ def format_of(path: Path, name: str | None = None) -> str:
     chosen = name or _SUFFIXES.get(path.suffix.lower())
     if chosen is None:
         listed = ", ".join(f"{suffix} ({kind})" for suffix, kind in _SUFFIXES.items())
+        if path.suffix.lower() in _MOVIES:
+            listed += f"; `mbocp replay RESULT --movie {path.name}` films a motion"
         raise InvalidValue("format", show(path.suffix or path.name), f"a suffix that says it: {listed}")
     known = (*FORMATS, *RECORDINGS)
     if chosen not in known:

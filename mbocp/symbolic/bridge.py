@@ -1,7 +1,8 @@
 """The native part, imported once it is known to fit the Pinocchio and CasADi that are installed.
 
 Minor releases of libpinocchio break the ABI without a sign: a mismatched pair computes, and computes
-nonsense. So the versions must be the very ones that the native part was compiled against.
+nonsense. So its version must be the very one that the native part was compiled against. CasADi is touched
+through its handles alone, which stay as they are within a minor release.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ def check_versions() -> None:
     Raises
     ------
     NativeMismatch
-        If pin, libpinocchio or casadi have another version, or if the native part was never built.
+        If pin or libpinocchio have another version, or casadi another minor release, or if the native part
+        was never built.
     """
     compiled = _compiled_versions()
     for name, expected in compiled.items():
         installed = _installed_version(name)
-        if installed != expected:
+        if not _fits(name, installed, expected):
             found = f"{name} {installed} is installed" if installed else f"{name} is not installed"
             wanted = " ".join(f"{package}=={number}" for package, number in compiled.items())
             raise NativeMismatch(
@@ -49,6 +51,14 @@ def _compiled_versions() -> dict[str, str]:
             "source folder"
         ) from error
     return {"pin": versions.PINOCCHIO, "libpinocchio": versions.PINOCCHIO, "casadi": versions.CASADI}
+
+
+def _fits(name: str, installed: str | None, compiled: str) -> bool:
+    if installed is None:  # conda's packages of the two libraries say no version to Python
+        return name != "pin"
+    if name == "casadi":
+        return installed.split(".")[:2] == compiled.split(".")[:2]
+    return installed == compiled
 
 
 def _installed_version(name: str) -> str | None:

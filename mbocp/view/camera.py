@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
 
 import numpy as np
@@ -16,6 +17,8 @@ FILL_SIDE, FILL_ABOVE, FILL_BELOW = 0.88, 0.80, 0.70
 ELEVATION = np.deg2rad(18.0)
 AZIMUTHS = np.deg2rad(np.arange(-75.0, 76.0, 15.0))  # from the front: robots face +x
 USUAL_AZIMUTH = float(np.deg2rad(40.0))
+_AROUND = np.deg2rad(np.arange(-180.0, 180.0, 15.0))
+_HIDDEN = 0.2  # share of the motion behind obstacles from which on another side is looked for
 _ASPECTS = np.geomspace(0.2, 5.0, 33)  # of windows, from a narrow phone to half of a wide screen
 OBLIQUE = float(np.deg2rad(12.0))  # off the normal of a plane, so that depth can be seen
 
@@ -61,17 +64,23 @@ def upright(gravity: Array) -> Array:
     return np.array(pin.Quaternion.FromTwoVectors(up, np.array([0.0, 0.0, 1.0])).matrix())
 
 
-def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | None = None) -> Camera:
+def fit_camera(
+    points: Array,
+    paths: Array,
+    direction: tuple[float, float] | None = None,
+    *,
+    moving: Array | None = None,
+    obstacles: Sequence[Array] = (),
+) -> Camera:
     """Camera that holds all `points`, (M, 3), and sees `paths`, (K, 3), as broadside as it can [m].
 
-    `direction`: azimuth and elevation from which it looks, instead [rad].
+    `direction`: azimuth and elevation from which it looks, instead [rad]. `moving`, (L, 3): what `obstacles`,
+    the corners of each, are not to hide; by default `paths`.
     """
     azimuth, elevation = direction or (_azimuth(paths), ELEVATION)
-    back = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    up = np.cross(back, right)
+    if direction is None:
+        azimuth = _clear_azimuth(azimuth, paths, paths if moving is None else moving, obstacles)
+    back, right, up = _axes(azimuth, elevation)
     tan_v = np.tan(np.deg2rad(FIELD_OF_VIEW) / 2.0)
     depth = points @ back
     side = FILL_SIDE * tan_v * ASPECT
@@ -90,6 +99,14 @@ def fit_camera(points: Array, paths: Array, direction: tuple[float, float] | Non
         least=max(distance_y - middle, 0.2 * size),
         sides=_extreme_points(np.column_stack([aside, depth - middle])),
     )
+
+
+def _axes(azimuth: float, elevation: float) -> Array:
+    """Unit vectors to the camera, to the right and up in its picture, shape (3, 3)."""
+    flat = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    back = np.cos(elevation) * flat + np.array([0.0, 0.0, np.sin(elevation)])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return np.array([back, right, np.cross(back, right)])
 
 
 def _extreme_points(points: Array) -> Array:
@@ -120,6 +137,30 @@ def _azimuth(path: Array) -> float:
 
 def _widest(flat: Array) -> float:
     """The azimuth from the front that sees most of the path, with a slight liking for the usual one."""
-    widths = [np.std(-np.sin(a) * flat[:, 0] + np.cos(a) * flat[:, 1]) for a in AZIMUTHS]
-    taste = 1.0 - 0.25 * np.abs(AZIMUTHS - USUAL_AZIMUTH) / np.pi
-    return float(AZIMUTHS[int(np.argmax(np.array(widths) * taste))])
+    return float(AZIMUTHS[int(np.argmax(_widths(flat, AZIMUTHS)))])
+
+
+def _widths(flat: Array, azimuths: Array) -> Array:
+    """How wide the path, (K, 2), is seen from each azimuth, times the liking."""
+    widths = [np.std(-np.sin(a) * flat[:, 0] + np.cos(a) * flat[:, 1]) for a in azimuths]
+    return np.array(widths) * (1.0 - 0.25 * np.abs(azimuths - USUAL_AZIMUTH) / np.pi)
+
+
+def _clear_azimuth(usual: float, path: Array, moving: Array, obstacles: Sequence[Array]) -> float:
+    """The usual azimuth, unless obstacles hide much of the motion from there: then the best of all around."""
+    if _hidden(usual, moving, obstacles) <= _HIDDEN:
+        return usual
+    seen = 1.0 - np.array([_hidden(a, moving, obstacles) for a in _AROUND])
+    return float(_AROUND[int(np.argmax(_widths(path[:, :2], _AROUND) * seen**2))])
+
+
+def _hidden(azimuth: float, moving: Array, obstacles: Sequence[Array]) -> float:
+    """Share of the points that are behind the middle of an obstacle, in the rectangle that it fills."""
+    axes = _axes(azimuth, ELEVATION)
+    depth, *seen = axes @ moving.T
+    is_hidden = np.zeros(len(moving), dtype=bool)
+    for corners in obstacles:
+        middle, *sides = axes @ corners.T
+        within = [(side.min() <= x) & (x <= side.max()) for x, side in zip(seen, sides, strict=True)]
+        is_hidden |= (depth < middle.mean()) & within[0] & within[1]
+    return float(is_hidden.mean())

@@ -47,7 +47,7 @@ def test_names_of_messages_are_found(run: Run, name: str) -> None:
 
 
 def test_the_end_of_a_name_is_enough(run: Run) -> None:
-    assert run("keys", "jerk").stdout.splitlines()[1].startswith("limits.jerk")
+    assert run("keys", "jerk").stdout.startswith("limits.jerk")
     assert {"limits.jerk", "phase.limits.jerk"} <= set(facts(run, "jerk"))
 
 

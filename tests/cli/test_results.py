@@ -264,6 +264,9 @@ def test_a_motion_is_exported(run, tmp_path, result):
     done = run("export", str(result), "-o", str(tmp_path / "motion.xls"))
     assert done.exit_code == 2
     assert "got '.xls', expected a suffix that says it: .csv (csv), .yaml (ros2)" in done.stderr
+    done = run("export", str(result), "-o", str(tmp_path / "motion.gif"))
+    assert done.exit_code == 2
+    assert "`mbocp replay RESULT --movie motion.gif` films a motion" in done.stderr
 
 
 def test_points_beside_the_rate_are_told(run, tmp_path, result):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pinocchio as pin
@@ -30,6 +31,15 @@ def test_another_version_names_both_and_the_remedy(package, monkeypatch):
     monkeypatch.setattr(INSTALLED, lambda name: "9.9.9" if name == package else _installed_version(name))
     remedy = r"python -m pip install pin==4\.1\.0 libpinocchio==4\.1\.0 casadi==3\.8\.2"
     with pytest.raises(NativeMismatch, match=rf"against {package} \d\S*, but {package} 9\.9\.9.*{remedy}"):
+        check_versions()
+
+
+@pytest.mark.parametrize(("package", "fits"), [("casadi", True), ("pin", False), ("libpinocchio", False)])
+def test_another_patch_of_casadi_alone_fits(package, fits, monkeypatch):
+    compiled = _installed_version(package)
+    other = compiled.rpartition(".")[0] + ".99"
+    monkeypatch.setattr(INSTALLED, lambda name: other if name == package else _installed_version(name))
+    with nullcontext() if fits else pytest.raises(NativeMismatch, match=rf"{package} {other}"):
         check_versions()
 
 
@@ -76,5 +86,14 @@ def test_build_and_run_time_pins_agree():
     project = tomllib.loads(PROJECT.read_text())
     build = {pin for pin in project["build-system"]["requires"] if "==" in pin}
     run = {pin for pin in project["project"]["dependencies"] if "==" in pin}
-    headers_only = {pin for pin in build if pin.startswith("cmeel-eigen")}
-    assert build - headers_only <= run
+    elsewhere = {pin for pin in build if pin.startswith(("cmeel-eigen", "casadi"))}
+    assert build - elsewhere <= run
+
+
+def test_the_native_part_is_compiled_against_the_newest_casadi():
+    project = tomllib.loads(PROJECT.read_text())
+    (built,) = [need for need in project["build-system"]["requires"] if need.startswith("casadi")]
+    (run,) = [need for need in project["project"]["dependencies"] if need.startswith("casadi")]
+    oldest, newest = run.removeprefix("casadi>=").split(",<=")
+    assert built == f"casadi=={newest}"
+    assert oldest.split(".")[:2] == newest.split(".")[:2]

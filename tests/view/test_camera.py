@@ -77,3 +77,28 @@ def test_axes_of_goals_and_boxes_of_via_points_are_in_the_picture(aspect: float)
     assert np.abs(x).max() <= ROUGHLY * FILL_SIDE
     assert y.max() <= FILL_ABOVE + 1e-9
     assert y.min() >= -FILL_BELOW - 1e-9
+
+
+def box(centre: list[float], sides: list[float]) -> np.ndarray:
+    return np.array(centre) + np.array(list(itertools.product([-0.5, 0.5], repeat=3))) * sides
+
+
+def azimuth(camera: Camera) -> float:
+    return float(np.arctan2(camera.offset[1], camera.offset[0]))
+
+
+@given(st.floats(-np.pi, np.pi), clouds())
+def test_a_wall_before_the_motion_turns_the_camera_to_its_other_side(way: float, points: np.ndarray) -> None:
+    ahead = np.array([np.cos(way), np.sin(way)])
+    reach = float(np.linalg.norm(points, axis=1).max())
+    turn = np.array([[ahead[0], -ahead[1], 0.0], [ahead[1], ahead[0], 0.0], [0.0, 0.0, 1.0]])
+    wall = box([1.5 * reach, 0.0, 0.0], [0.1, 20.0 * reach, 20.0 * reach]) @ turn.T
+    found = azimuth(fit_camera(points, points, obstacles=[wall]))
+    assert np.cos(found - way) < 0.3  # not through the wall
+
+
+@given(clouds())
+def test_what_hides_nothing_leaves_the_camera_as_it_is(points: np.ndarray) -> None:
+    below = box([0.0, 0.0, -20.0], [0.1, 0.1, 0.1])
+    free, beside = (fit_camera(points, points, obstacles=boxes) for boxes in ([], [below]))
+    np.testing.assert_array_equal(free.offset, beside.offset)

@@ -40,12 +40,13 @@ class Row:
         says, depth = _LINK.sub(HOME, self.says), self.names[0].count(".")
         if depth:
             names = ", ".join(f"`{_split(name)[1]}`" for name in self.names)
-            return f"{'  ' * (depth - 1)}- {names}{self._brackets()}: {says}\n"
+            return f"{'  ' * (depth - 1)}- {names}{self.brackets()}: {says}\n"
         if self.takes in _TABLES:
             return f"\n## `{_TABLES[self.takes].format(self.names[0])}`\n\n{_sentence(says)}.\n\n"
-        return f"\n## `{self.names[0]}`\n\n{_sentence(says)}{self._brackets()}.\n\n"
+        return f"\n## `{self.names[0]}`\n\n{_sentence(says)}{self.brackets()}.\n\n"
 
-    def _brackets(self) -> str:
+    def brackets(self) -> str:
+        """Return what it takes, its unit and its default, in brackets."""
         parts = [f"{self.takes} [{self.unit}]" if self.unit else self.takes]
         if self.default.startswith("required"):
             parts.append(self.default)

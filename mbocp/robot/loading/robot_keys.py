@@ -218,7 +218,10 @@ class RobotKeys(ReadingKeys, _HeadKeys):
     gravity: Annotated[
         list[Number] | None,
         Field(min_length=3, max_length=3),
-        Key("in the world", "m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
+        Key(
+            "in the world; turn it for robots on walls or ceilings",
+            *("m/s^2", f"{_OWN}, else `[0, 0, -9.81]`", "3 numbers"),
+        ),
     ] = None
     rotations: Annotated[
         Rotations | None,

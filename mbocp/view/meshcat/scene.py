@@ -39,6 +39,7 @@ from mbocp.view.meshcat.goals import (
     mark_commands,
     mark_points,
     obstacle_commands,
+    obstacle_points,
     obstacle_tracks,
     sphere_commands,
 )
@@ -152,10 +153,14 @@ def build_scene(
     )
     size = max(float(np.linalg.norm(np.ptp(swept, axis=0))), 1e-3)
     picked = _poses(motion)
+    joints = motion.positions[picked, 1:].reshape(-1, 3)
+    boxes = np.reshape(obstacle_points(robot, drawn_marks.obstacles), (-1, 8, 3))
     camera = fit_camera(
         np.vstack([swept, axis_points(placements, size) @ turn.T]),
-        np.vstack([motion.positions[picked, 1:].reshape(-1, 3), *(x[picked] for x in lines)]) @ turn.T,
+        np.vstack([joints, *(x[picked] for x in lines)]) @ turn.T,
         direction,
+        moving=joints @ turn.T,
+        obstacles=list(boxes @ turn.T),
     )
     along, tracks_along = motion_commands(robot, motion, frames, size)
     arrows = force_arrows(drawn_marks.forces, motion, FORCES, size)
