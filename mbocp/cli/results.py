@@ -239,7 +239,7 @@ def export(
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if of_joints and check:
-        helps = what_helps(sent, excesses, result)
+        helps = what_helps(sent, excesses, result, lacks_rate=fit and rate is None)
         typer.echo(f"{output}: not written: {helps}; --no-check writes it all the same", err=True)
         raise typer.Exit(1)
     write_samples(motion, solution, output, name)

@@ -118,14 +118,17 @@ def export_motion(
     else:
         sent, excesses = prepare_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
-            raise LimitsExceeded(path, excesses, what_helps(sent, excesses))
+            raise LimitsExceeded(path, excesses, what_helps(sent, excesses, lacks_rate=fit and rate is None))
     return write_samples(sample(sent, load_robot, part), solution, path, name)
 
 
-def what_helps(sent: Sent, excesses: Sequence[Excess], result: Path | str = "RESULT.h5") -> str:
+def what_helps(
+    sent: Sent, excesses: Sequence[Excess], result: Path | str = "RESULT.h5", *, lacks_rate: bool = False
+) -> str:
     """Say what may keep a motion within limits that it leaves as it is sent, the worst first.
 
-    Of one that is no solution: what says why; `result` is its file.
+    Of one that is no solution: what says why; `result` is its file. One that `lacks_rate` is not fitted where
+    it is sent at its nodes alone.
     """
     if not sent.solution.is_stationary:
         return f"the solve did not converge; `mbocp explain {result}` says why"
@@ -135,6 +138,8 @@ def what_helps(sent: Sent, excesses: Sequence[Excess], result: Path | str = "RES
         return 'its velocities leap, at impacts: let holds begin at rest, or meeting = "soft"'
     if excesses[0].kind == "path" and (sent.mean or sent.is_nearest):
         return _what_helps_paths(sent, max(excess.over_tolerance for excess in excesses))
+    if lacks_rate and len(sent.times) == len(sent.solution.t) and not sent.words:
+        return "say the controller's rate, --rate 1000 for one, at which it is fitted into its limits"
     return "take more steps"
 
 
