@@ -78,7 +78,7 @@ def export_motion(
     solution : Solution
     path : str or Path
         An old file is replaced only when the new one is complete.
-    kind : {"csv", "ros2", "urscript", "npz", "parquet", "mcap", "rerun"}, optional
+    kind : {"csv", "ros2", "urscript", "npz", "parquet", "mcap", "rerun", "multidof"}, optional
         By default what the suffix says: .csv, .yaml, .script, .npz, .parquet, .mcap, .rrd.
     rate : float, optional
         Samples a second [1/s]; the nodes by default, for URScript 125.
@@ -170,7 +170,7 @@ def write_recording(
     interpolation: str | None = None,
     part: str | None = None,
 ) -> Path:
-    """Write a motion with the poses of its robot for viewers, see `mbocp.solution.recordings`.
+    """Write a motion with the poses of its robot, see `mbocp.solution.recordings`.
 
     Raises
     ------

@@ -174,7 +174,8 @@ def read_joints(solution: SolutionData, *, is_joined: bool) -> tuple[Joints, Cur
     if not columns:
         expected = (
             "joints that slide or turn about an axis: floating bases and balls have no joint trajectory; "
-            "`mbocp export` to .mcap or .rrd, and Solution.to_csv in Python, write their motion"
+            "`mbocp export --format multidof`, or to .mcap or .rrd, and Solution.to_csv in Python, write "
+            "their motion"
         )
         raise InvalidValue("solution", "no joint of one velocity", expected)
     names, positions, at_v = (list(one) for one in zip(*columns, strict=True))
