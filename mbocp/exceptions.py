@@ -155,9 +155,13 @@ class RobotError(MbocpError):
 class UnknownRobot(RobotError):
     """No robot of that name, and no such file."""
 
-    def __init__(self, name: str, valid: Iterable[str], folder: str = "") -> None:
+    def __init__(
+        self, name: str, valid: Iterable[str], folder: str = "", *, has_profile: bool = False
+    ) -> None:
         self.name, self.valid = name, tuple(valid)
         found = f"did you mean the folder {folder!r}?" if folder else suggest(name, self.valid)
+        if has_profile:
+            found = f"limits.profile knows it, but its model is none of those that come with mbocp; {found}"
         super().__init__(
             f"unknown robot {name!r}: {found} (run `mbocp robots` for the whole list, "
             "or give the path of a URDF or robot.toml)"

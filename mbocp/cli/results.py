@@ -168,7 +168,9 @@ def export(
     kind: Annotated[
         str | None,
         option(
-            "--format", "NAME", "csv, ros2, urscript, npz, parquet, mcap or rerun. [default: by the suffix]"
+            "--format",
+            "NAME",
+            "csv, ros2, multidof, urscript, npz, parquet, mcap or rerun. [default: by the suffix]",
         ),
     ] = None,
     rate: Annotated[
@@ -229,7 +231,7 @@ def export(
     motion = sample(sent, solution.load_robot, part)
     if motion.left_out:
         what = ", ".join(motion.left_out)
-        helps = "a base on the floor with joints x, y and yaw, as planar_base has, is sent"
+        helps = "--format multidof writes them, and a base on the floor with joints x, y and yaw is sent"
         warnings.warn(f"left out, no joints of one velocity: {what}; {helps}", stacklevel=1)
     of_joints: dict[str, list[str]] = {}  # in the order of their worst
     for excess in excesses:
@@ -239,7 +241,7 @@ def export(
     if not solution.converged:
         warnings.warn(f"the solve ended with {solution.status}: this is no solution", stacklevel=1)
     if of_joints and check:
-        helps = what_helps(sent, excesses, result)
+        helps = what_helps(sent, excesses, result, lacks_rate=fit and rate is None)
         typer.echo(f"{output}: not written: {helps}; --no-check writes it all the same", err=True)
         raise typer.Exit(1)
     write_samples(motion, solution, output, name)

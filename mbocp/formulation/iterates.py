@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray, frozen_array
+from mbocp._arrays import Array, frozen_array
 from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.memory import rate_shares_at_start
 from mbocp.formulation.features.step_lengths import lengths_of_states
@@ -54,7 +54,7 @@ def restore(
     dts: Array,
     motion: Iterate,
     formulation: Formulation,
-    steps: IntArray,
+    nodes: Array,
     *,
     is_later: bool,
 ) -> Iterate | None:
@@ -71,17 +71,18 @@ def restore(
         Of the same motion, or a later part of it, for the formulation.
     formulation : Formulation
         Of a problem that may differ in all numbers, in its costs and in its path constraints.
-    steps : ndarray of int, shape (N,)
-        Which of its steps the middle of each step of the motion is in.
+    nodes : ndarray, shape (N + 1,)
+        Places of those of the motion, in numbers of its own.
     is_later : bool
-        Whether the motion begins after its start.
+        Whether the motion begins after its start, or beside it.
     """
     programme, problem, at = formulation.programme, formulation.problem, formulation.layout
     if len(carried.iterate.ms) != len(dts) or carried.meaning != _meaning(formulation):
         return None
-    part, lengths = carried.at_steps(steps), lengths_of_states(problem, at, motion.xs)
+    part, lengths = carried.between(nodes), lengths_of_states(problem, at, motion.xs)
     if not part.fits(programme):
         return None
+    steps = np.minimum(((nodes[:-1] + nodes[1:]) / 2.0).astype(int), len(dts) - 1)
     iterate, before, first = part.into(programme), dts[steps], int(steps[0])
     is_part = np.allclose(lengths, before, rtol=_SAME, atol=_SAME * problem.dt) and _is_of(
         iterate, motion, at

@@ -20,7 +20,7 @@ from mbocp.problem.coordinates import COORDINATES
 from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.robot.nodes import between
 from mbocp.solution import Solution
-from mbocp.solution.rest import place_at, place_of_start
+from mbocp.solution.rest import begins_beside, place_at, place_of_start
 
 _ON_NODE = 1e-9  # of a step: what is nearer to a node is the node
 
@@ -64,8 +64,8 @@ def iterate_from_solution(saved: Solution, formulation: Formulation, at: float |
     motion = _motion(saved, formulation, places)
     iterate = formulation.iterate_of(motion, lams)
     if saved.iterate is not None:
-        own, is_later = np.diff(saved.t), bool(nodes[0] > 0.0)
-        kept = restore(saved.iterate, own, iterate, formulation, places.middle, is_later=is_later)
+        is_later = bool(nodes[0] > 0.0) or begins_beside(saved, problem)
+        kept = restore(saved.iterate, np.diff(saved.t), iterate, formulation, nodes, is_later=is_later)
         if kept is not None:
             return kept
     if has_multipliers:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mbocp._arrays import Array, IntArray, dataclass, frozen_array
+from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch
 
 if TYPE_CHECKING:
@@ -152,13 +152,18 @@ class IterateRecord:
         """An iterate of a programme."""
         return cls(iterate, () if iterate.bounds is None else programme.path_names)
 
-    def at_steps(self, steps: IntArray) -> IterateRecord:
-        """Some of its steps, one after the other, with the node before each and that after the last."""
-        iterate, bounds, nodes = self.iterate, self.iterate.bounds, np.append(steps, steps[-1] + 1)
+    def between(self, nodes: Array) -> IterateRecord:
+        """The same with other nodes, each at a place in numbers of its own, shape (M + 1,).
+
+        What belongs to nodes is linear between them, what belongs to steps between their middles.
+        """
+        iterate, bounds, middles = self.iterate, self.iterate.bounds, (nodes[:-1] + nodes[1:] - 1.0) / 2.0
         if bounds is not None:
-            bounds = replace(bounds, xs=bounds.xs[nodes], us=bounds.us[steps], path=bounds.path[steps])
-        rows = {name: getattr(iterate, name)[steps] for name in ("ys", "us", "ms")}
-        return replace(self, iterate=replace(iterate, **rows, xs=iterate.xs[nodes], bounds=bounds))
+            us, path = (_rows_at(rows, middles) for rows in (bounds.us, bounds.path))
+            bounds = replace(bounds, xs=_rows_at(bounds.xs, nodes), us=us, path=path)
+        ys, us, ms = (_rows_at(rows, middles) for rows in (iterate.ys, iterate.us, iterate.ms))
+        xs = _rows_at(iterate.xs, nodes)
+        return replace(self, iterate=replace(iterate, xs=xs, ys=ys, us=us, ms=ms, bounds=bounds))
 
     def fits(self, programme: StagewiseProgramme) -> bool:
         """Whether a programme has unknowns and multipliers of the same shapes, but for path constraints."""
@@ -186,6 +191,15 @@ class IterateRecord:
             if name in known:
                 path[:, place] = iterate.bounds.path[:, known[name]]
         return replace(iterate, bounds=replace(iterate.bounds, path=path))
+
+
+def _rows_at(rows: Array, places: Array) -> Array:
+    """Rows at places in numbers of them, linear between two; beyond the first or the last that one."""
+    left = np.clip(np.floor(places).astype(int), 0, max(len(rows) - 2, 0))
+    share = np.clip(places - left, 0.0, 1.0)[:, None]
+    right = np.minimum(left + 1, len(rows) - 1)
+    found: Array = np.where(share == 1.0, rows[right], rows[left] + share * (rows[right] - rows[left]))
+    return found
 
 
 def _places(names: tuple[str, ...]) -> dict[str, int]:

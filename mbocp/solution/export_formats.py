@@ -81,7 +81,7 @@ def export_motion(
     solution : Solution
     path : str or Path
         An old file is replaced only when the new one is complete.
-    kind : {"csv", "ros2", "urscript", "npz", "parquet", "mcap", "rerun"}, optional
+    kind : {"csv", "ros2", "urscript", "npz", "parquet", "mcap", "rerun", "multidof"}, optional
         By default what the suffix says: .csv, .yaml, .script, .npz, .parquet, .mcap, .rrd.
     rate : float, optional
         Samples a second [1/s]; the nodes by default, for URScript 125.
@@ -121,14 +121,17 @@ def export_motion(
     else:
         sent, excesses = prepare_within(name, solution, rate, interpolation, fit=fit, load_robot=load_robot)
         if excesses:
-            raise LimitsExceeded(path, excesses, what_helps(sent, excesses))
+            raise LimitsExceeded(path, excesses, what_helps(sent, excesses, lacks_rate=fit and rate is None))
     return write_samples(sample(sent, load_robot, part), solution, path, name)
 
 
-def what_helps(sent: Sent, excesses: Sequence[Excess], result: Path | str = "RESULT.h5") -> str:
+def what_helps(
+    sent: Sent, excesses: Sequence[Excess], result: Path | str = "RESULT.h5", *, lacks_rate: bool = False
+) -> str:
     """Say what may keep a motion within limits that it leaves as it is sent, the worst first.
 
-    Of one that is no solution: what says why; `result` is its file.
+    Of one that is no solution: what says why; `result` is its file. One that `lacks_rate` is not fitted where
+    it is sent at its nodes alone.
     """
     if not sent.solution.is_stationary:
         return f"the solve did not converge; `mbocp explain {result}` says why"
@@ -138,6 +141,8 @@ def what_helps(sent: Sent, excesses: Sequence[Excess], result: Path | str = "RES
         return 'its velocities leap, at impacts: let holds begin at rest, or meeting = "soft"'
     if excesses[0].kind == "path" and (sent.mean or sent.is_nearest):
         return _what_helps_paths(sent, max(excess.over_tolerance for excess in excesses))
+    if lacks_rate and len(sent.times) == len(sent.solution.t) and not sent.words:
+        return "say the controller's rate, --rate 1000 for one, at which it is fitted into its limits"
     return "take more steps"
 
 
@@ -168,7 +173,7 @@ def write_recording(
     interpolation: str | None = None,
     part: str | None = None,
 ) -> Path:
-    """Write a motion with the poses of its robot for viewers, see `mbocp.solution.recordings`.
+    """Write a motion with the poses of its robot, see `mbocp.solution.recordings`.
 
     Raises
     ------

@@ -76,9 +76,10 @@ class Excess:
         if self.kind == "path":
             over = abs(self.value - self.bound)
             return f"{self.value:.4g} {self.unit} at {self.time:.4g} s, {over:.2g} beyond {self.bound:.4g}"
+        percent = 100.0 * self.ratio
+        part = f"{percent:.1f}" if percent >= 1.0 else f"{percent:.1g}"
         return (
-            f"{self.kind} {self.value:.4g} {self.unit} at {self.time:.4g} s, "
-            f"{100.0 * self.ratio:.1f} % beyond {self.bound:.4g}"
+            f"{self.kind} {self.value:.4g} {self.unit} at {self.time:.4g} s, {part} % beyond {self.bound:.4g}"
         )
 
 
@@ -173,7 +174,8 @@ def read_joints(solution: SolutionData, *, is_joined: bool) -> tuple[Joints, Cur
     if not columns:
         expected = (
             "joints that slide or turn about an axis: floating bases and balls have no joint trajectory; "
-            "`mbocp export` to .mcap or .rrd, and Solution.to_csv in Python, write their motion"
+            "`mbocp export --format multidof`, or to .mcap or .rrd, and Solution.to_csv in Python, write "
+            "their motion"
         )
         raise InvalidValue("solution", "no joint of one velocity", expected)
     names, positions, at_v = (list(one) for one in zip(*columns, strict=True))

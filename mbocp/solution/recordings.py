@@ -1,4 +1,4 @@
-"""A motion as a recording for viewers: MCAP, which Foxglove shows, and Rerun's format.
+"""A motion as a recording: for viewers MCAP, which Foxglove shows, and Rerun's format; bases for ROS 2.
 
 Unlike what is sent to a controller, a recording is the solution itself, with floating bases and ball joints:
 poses of links, joints, controls, paths of the tool. A new format is a function, and an entry of `RECORDINGS`.
@@ -46,6 +46,9 @@ class MotionSamples:
         Poses in the world, shape (K, 7): position [m], quaternion xyzw.
     paths : mapping of str to ndarray
         The same of frames that the robot traces.
+    bases : mapping of str to (ndarray, ndarray)
+        Of each joint of several velocities, floating, planar or a ball: poses in the frame that it is fixed
+        to, shape (K, 7), and velocities along its axes, linear before angular, shape (K, 6) [m/s, rad/s].
     """
 
     t: Array
@@ -53,6 +56,7 @@ class MotionSamples:
     controls: Mapping[str, Array]
     links: Mapping[str, Array]
     paths: Mapping[str, Array]
+    bases: Mapping[str, tuple[Array, Array]]
 
 
 def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> MotionSamples:
@@ -91,7 +95,21 @@ def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> M
         {f"{c.name} [{c.unit}]": us[:, k] for k, c in enumerate(labels)},
         {model.frames[k].name: poses[k] for k in bodies},
         {model.frames[k].name: poses[k] for k in traced},
+        {model.names[k]: _base(model, k, qs, vs) for k in range(1, model.njoints) if model.joints[k].nv > 1},
     )
+
+
+def _base(model: Any, joint: int, qs: Array, vs: Array) -> tuple[Array, Array]:
+    """Poses and velocities of a joint in the frame that it is fixed to."""
+    own, data, rows = model.joints[joint], model.joints[joint].createData(), []
+    for q, v in zip(qs, vs, strict=True):
+        own.calc(data, q, v)
+        place = model.jointPlacements[joint] * data.M
+        rows.append(
+            (pin.SE3ToXYZQUAT(place), *(place.rotation @ part for part in (data.v.linear, data.v.angular)))
+        )
+    poses, linear, angular = map(np.array, zip(*rows, strict=True))
+    return poses, np.hstack([linear, angular])
 
 
 def _sample(solution: SolutionData, robot: Robot, rate: float | None) -> tuple[Array, Array, Array]:
@@ -206,6 +224,28 @@ def _rerun(motion: MotionSamples) -> bytes:
     return bytes(memory.drain_as_bytes())
 
 
+def _multidof(motion: MotionSamples) -> bytes:
+    """Write trajectory_msgs/msg/MultiDOFJointTrajectory as `ros2 topic pub` reads it."""
+    if not motion.bases:
+        expected = "a joint of several velocities: a floating or planar base, or a ball"
+        raise InvalidValue("format", "multidof", expected)
+    lines = [f"joint_names: {json.dumps([*motion.bases], ensure_ascii=False)}", "points:"]
+    for n, t in enumerate(motion.t):
+        transforms, velocities = [], []
+        for poses, rates in motion.bases.values():
+            place, turn = _pose(poses[n])
+            transforms.append({"translation": place, "rotation": turn})
+            linear, angular = (dict(zip("xyz", part.tolist(), strict=True)) for part in np.split(rates[n], 2))
+            velocities.append({"linear": linear, "angular": angular})
+        seconds, rest = divmod(round(float(t) * 1e9), 1_000_000_000)
+        lines += [
+            f"- transforms: {json.dumps(transforms)}",
+            f"  velocities: {json.dumps(velocities)}",
+            f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}",
+        ]
+    return ("\n".join(lines) + "\n").encode()
+
+
 RECORDINGS: Mapping[str, Callable[[MotionSamples], bytes]] = MappingProxyType(
-    {"mcap": _mcap, "rerun": _rerun}
+    {"mcap": _mcap, "rerun": _rerun, "multidof": _multidof}
 )

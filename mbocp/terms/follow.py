@@ -68,6 +68,7 @@ class Follow(PathTerm):
     unit = "m"
     leads = True
     remembers = ("progress",)
+    size_of_errors = 0.1  # what is sent may end a thousandth of the path before it at most
 
     class Keys(Table):
         """Keys."""

@@ -295,6 +295,8 @@ def test_export_checks_limits_unless_it_is_asked_not_to(run, tmp_path, result):
     assert not target.exists()
     told = [line for line in done.stderr.splitlines() if "leaves its limits: speed" in line]
     assert len(told) == solution.nv
+    assert "not written: say the controller's rate, --rate 1000 for one" in done.stderr
+    done = run("export", str(fast), "-o", str(target), "--rate", "100")
     assert f"{target}: not written: take more steps; --no-check writes it" in done.stderr
 
 

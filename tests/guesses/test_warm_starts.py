@@ -18,7 +18,7 @@ from mbocp.problem import Guess, Problem
 from mbocp.programme.iterate import IterateRecord
 from mbocp.solution import Solution
 from mbocp.solution.later import is_complete
-from mbocp.solution.rest import place_of_start
+from mbocp.solution.rest import begins_beside, place_of_start
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton
 from tests.holds.cases import pendulum as held
 
@@ -106,7 +106,7 @@ def test_what_means_something_else_is_not_restored() -> None:
         kept = iterate_from_solution(solution, formulate(other))
         plain = iterate_from_solution(replace(solution, iterate=None), formulate(other))
         np.testing.assert_array_equal(kept.ms, plain.ms)
-    short = replace(solution, iterate=solution.iterate.at_steps(np.arange(3, 16)))
+    short = replace(solution, iterate=solution.iterate.between(np.arange(3.0, 17.0)))
     assert mbocp.solve(pendulum("se1"), warm_start=short).converged
 
 
@@ -182,6 +182,38 @@ def test_a_start_within_the_first_step_begins_the_rest_of_a_plan() -> None:
     rest = replan(plan, 0.3, duration=plan.duration * (1.0 - 0.3 / 32))
     assert place_of_start(plan, rest) == pytest.approx(0.3, abs=1e-2)
     assert iterate_from_solution(plan, formulate(rest)).is_rest
+
+
+def test_a_start_beside_that_of_a_plan_begins_with_its_multipliers() -> None:
+    """As a first replan of a motion as it is sent; the start itself, and one elsewhere, do not."""
+    problem = pendulum(steps=32, limits={"jerk": 100.0})
+    plan = mbocp.solve(problem, check=True)
+    assert plan.iterate is not None
+    assert plan.iterate.iterate.ms.any()
+    size = 0.01 * np.abs(plan.qs - plan.qs[0]).max()
+    for part, is_beside in ((0.0, False), (1.0, True), (20.0, False)):
+        moved = problem.with_(start={"q": plan.qs[0] + part * size, "v": plan.vs[0]})
+        assert begins_beside(plan, moved) == is_beside
+        kept = iterate_from_solution(plan, formulate(moved))
+        assert kept.is_rest == is_beside
+        if is_beside:
+            np.testing.assert_allclose(kept.ms, plan.iterate.iterate.ms, rtol=1e-6)
+
+
+def test_multipliers_between_nodes_are_between_those_of_two_steps() -> None:
+    plan = mbocp.solve(pendulum(steps=16, limits={"jerk": 100.0}), check=True)
+    assert plan.iterate is not None
+    whole, bounds = plan.iterate.iterate, plan.iterate.iterate.bounds
+    assert bounds is not None
+    assert bounds.path.any()
+    part = plan.iterate.between(np.arange(3.25, 16.0)).iterate
+    assert part.bounds is not None
+    np.testing.assert_allclose(part.ms, 0.75 * whole.ms[3:15] + 0.25 * whole.ms[4:], atol=1e-14)
+    np.testing.assert_allclose(
+        part.bounds.path, 0.75 * bounds.path[3:15] + 0.25 * bounds.path[4:], atol=1e-14
+    )
+    np.testing.assert_allclose(part.bounds.xs, 0.75 * bounds.xs[3:16] + 0.25 * bounds.xs[4:], atol=1e-14)
+    np.testing.assert_array_equal(plan.iterate.between(np.arange(17.0)).iterate.ms, whole.ms)
 
 
 def test_a_start_between_nodes_is_found_or_given() -> None:

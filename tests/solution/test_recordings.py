@@ -14,7 +14,7 @@ import pytest
 from mbocp.exceptions import InvalidValue, ResultFileError
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Labels, Solution
-from mbocp.solution.recordings import RECORDINGS, record
+from mbocp.solution.recordings import record
 from tests.robot import urdfs
 
 STEPS, T = 10, 0.5
@@ -83,7 +83,7 @@ def test_a_quadrotor_has_controls_and_no_joints() -> None:
     assert len(motion.controls) == robot.nu
 
 
-@pytest.mark.parametrize("name", RECORDINGS)
+@pytest.mark.parametrize("name", ["mcap", "rerun"])
 def test_what_cannot_be_recorded(name: str, tmp_path, monkeypatch) -> None:
     robot = load_robot("double_pendulum")
     solution, path = a_motion(robot), tmp_path / "motion.bin"
@@ -98,6 +98,29 @@ def test_what_cannot_be_recorded(name: str, tmp_path, monkeypatch) -> None:
     with pytest.raises(ResultFileError, match=rf"pip install 'mbocp\[{name}\]'"):
         solution.export(path, kind=name)
     assert not path.exists()
+
+
+def test_ros2_has_the_base_as_one_joint_of_many(walker: Robot, tmp_path) -> None:
+    """Poses of the base, and velocities along the axes of the world, by Pinocchio's kinematics of frames."""
+    yaml = pytest.importorskip("yaml")
+    solution = a_motion(walker)
+    path = solution.export(tmp_path / "base.yaml", kind="multidof", rate=20.0)
+    message = yaml.safe_load(path.read_text())
+    assert message["joint_names"] == ["root_joint"]
+    assert len(message["points"]) == 11
+    point, q, v = message["points"][6], walker.integrate(walker.q0, 0.3 * solution.vs[0]), solution.vs[0]
+    assert point["time_from_start"] == {"sec": 0, "nanosec": 300_000_000}
+    (transform,), (velocity,) = point["transforms"], point["velocities"]
+    pose = [*transform["translation"].values(), *transform["rotation"].values()]
+    np.testing.assert_allclose(pose, pin.SE3ToXYZQUAT(walker.frame_placement("base_link", q)), atol=1e-12)
+    model, data = walker.model, walker.model.createData()
+    pin.forwardKinematics(model, data, q, v)
+    expected = pin.getFrameVelocity(model, data, walker.frame_id("base_link"), pin.LOCAL_WORLD_ALIGNED)
+    told = [*velocity["linear"].values(), *velocity["angular"].values()]
+    np.testing.assert_allclose(told, expected.vector, atol=1e-12)
+    arm = load_robot("double_pendulum")
+    with pytest.raises(ResultFileError, match="expected a joint of several velocities"):
+        a_motion(arm).export(tmp_path / "arm.yaml", kind="multidof")
 
 
 def test_mcap(walker: Robot, tmp_path) -> None:

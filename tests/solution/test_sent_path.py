@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -54,9 +55,14 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     assert table.exists()
 
 
+def bend(more: float = 0.0) -> dict[str, Any]:
+    """A path from where the tool is at the start, longer by so much [m]."""
+    points = [[0, 0, 0], [0.02, 0.1, 0.05], [0, 0.2 + more, 0]]
+    return {"kind": "follow", "frame": "tool0", "points": points, "relative": True, "tolerance": 0.002}
+
+
 def smooth_bend(scheme: str, steps: int) -> Solution:
     """A tool along a bend in the least time, jerks limited."""
-    bend = {"kind": "follow", "frame": "tool0", "points": [[0, 0, 0], [0.02, 0.1, 0.05], [0, 0.2, 0]]}
     return mbocp.solve(
         Problem.create(
             "ur5",
@@ -64,7 +70,7 @@ def smooth_bend(scheme: str, steps: int) -> Solution:
             steps,
             start={"q": [0, -1.57, 1.57, -1.57, -1.57, 0]},
             goal={"v": 0},
-            path=[bend | {"relative": True, "tolerance": 0.002}],
+            path=[bend()],
             cost={"time": 1.0, "effort": 1e-5, "velocity": 1e-2},
             limits={"acceleration": 15.0, "jerk": 150.0},
             scheme=scheme,
@@ -83,6 +89,16 @@ def test_what_smoothing_leaves_of_a_path_falls_with_the_steps_as_advice_says(tmp
     fine = smooth_bend("midpoint", 20)
     assert motion_as_sent(fine, 1000.0, fit=True).mean == pytest.approx(fine.t[1], rel=1e-6)
     assert fine.export(table, rate=1000).exists()
+
+
+def test_what_is_sent_may_end_a_thousandth_of_a_path_before_it() -> None:
+    """Round-off of a smooth motion is no excess; a millimetre is one."""
+    solution = smooth_bend("midpoint", 20)
+    follower = Follower.of(motion_as_sent(solution, 1000.0, fit=True), solution.load_robot())
+    for more, is_left in ((1e-6, False), (2e-3, True)):
+        problem = solution.load_problem().with_(path=[bend(more)])
+        found, _ = path_excesses(follower, problem)
+        assert any(one.name.endswith(".end") for one in found) == is_left
 
 
 def test_a_constraint_is_looked_at_while_it_holds() -> None:

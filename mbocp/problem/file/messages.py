@@ -80,7 +80,7 @@ OTHER_WORDS = {
     **dict.fromkeys(("torque_rate", "torque_rates"), ("effort_rate",)),
     **dict.fromkeys(("xyz", "translation"), ("position",)),
     **dict.fromkeys(("quaternion", "quat", "rotation"), ("orientation",)),
-    **dict.fromkeys(("tool", "tcp", "pose", "end_effector", "link"), ("frame", "name")),
+    **dict.fromkeys(("tool", "tcp", "pose", "end_effector", "link"), ("frame", "payload", "name")),
     **dict.fromkeys(("kind", "type", "name", "method", "algorithm"), ("shape", "scheme", "method", "kind")),
     **dict.fromkeys(("urdf", "path", "file", "model", "frame"), ("name",)),
     **dict.fromkeys(("time", "tf", "t_f"), ("duration",)),

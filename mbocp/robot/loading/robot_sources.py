@@ -84,7 +84,8 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     found = _from_folders(spec) or _from_made(spec) or _from_robot_descriptions(spec)
     if found is None:
         folder = f"{os.curdir}{os.sep}{spec}" if is_folder((base or Path()) / spec) else ""
-        raise UnknownRobot(spec, [entry.name for entry in list_robots()], folder)
+        has_profile = is_file(Path(mbocp.__file__).resolve().parent / "profiles" / f"{spec}.toml")
+        raise UnknownRobot(spec, [entry.name for entry in list_robots()], folder, has_profile=has_profile)
     return found
 
 

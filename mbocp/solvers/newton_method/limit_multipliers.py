@@ -28,6 +28,7 @@ _ANY = 1.0  # barrier parameter, before it is known
 _NONE = 1e-30  # the same, far below any product of a multiplier and its distance
 _WARM_FACTOR, _WARM_MARGIN = 0.1, 1e-3  # of the barrier, and of the slacks, where multipliers are known
 _REST_PART = 0.1  # of the mean product: 1 takes a little longer, 0.02 is in vain at times
+_REST_MARGIN = 2.5e-3  # of the range between bounds, that slacks are inside, or first steps are short
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 
 
@@ -95,6 +96,7 @@ def _resume(
         if is_rest:
             barrier = max(barrier, _REST_PART * _mean_product(native, rows))
             _take_multipliers(native, programme, iterate, barrier)
+            native.slack = rows.inside(native.slack, _REST_MARGIN)
         if is_centred:
             _centre(native, rows, barrier)
         else:
@@ -231,6 +233,13 @@ class _Rows:
         is_equation = lower == upper
         lower, upper = np.where(is_equation, -np.inf, lower), np.where(is_equation, np.inf, upper)
         return cls(lower, upper, is_equation)
+
+    def inside(self, slack: Array, margin: float) -> Array:
+        """Slacks that are a part of the range between their sides inside, or of the size of the only one."""
+        lower, upper = self.lower, self.upper
+        size = np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, upper)))
+        room = margin * np.where(np.isfinite(upper - lower), upper - lower, size)
+        return np.where(self.is_equation, slack, np.clip(slack, lower + room, upper - room))
 
 
 def _has_limits(programme: StagewiseProgramme) -> bool:
