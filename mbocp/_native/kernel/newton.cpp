@@ -284,7 +284,8 @@ void Newton::accept(NewtonState& state, const Tried& tried, const StepLength& fo
     state.still = shift > 0.0 ? 0 : stillness(state, e, direction.increment);
     const double length = direction.relative(found.length) * (shift > 0.0 ? direction.cap : 1.0);
     const bool was_enough = shift == state.shift && state.falls_fast;
-    state.falls_fast = length == 1.0 && (was_enough || Care::is_large(shift));
+    if (state.iteration == 0) state.began_large = Care::is_large(shift);
+    state.falls_fast = length == 1.0 && (was_enough || (state.began_large && Care::is_large(shift)));
     state.shift = care_of(state).next_shift(shift, length, e.residual / state.evaluation.residual, least_shift);
     state.augmentation = tried.factorisation.augmentation;
     state.regularisation = shift;

@@ -45,7 +45,8 @@ struct NewtonState {
     double augmentation = 0.0;           // weight rho of the end condition inside the factorisation
     double shift = 0.0;                  // where the search for an admissible shift begins; 0: the plain Hessian
     double last_shift = 0.0;             // the last one that a step was taken with
-    bool falls_fast = false;             // full steps, one after the other, have been taken since it was large
+    bool began_large = false;            // the first step took a large one
+    bool falls_fast = false;             // it began large, and steps have been full since it was so last
     std::optional<Reference> reference;  // while a run of relaxed steps is under way
     int patience = 0;                    // steps until another such run may begin
     bool at_minimum = false;             // the last KKT matrix had a minimum's inertia without any shift

@@ -15,8 +15,8 @@ struct Care {
     double after_short;  // what the shift is at least after a short step: a smaller one changes nothing of a step
 
     static constexpr Care bold() { return {8.0, 4.0, 3.0, 0.02, 3, 1e-2}; }
-    // While full steps follow one another from a large shift on: penalties that are far from met ask for it, and soon
-    // no longer. Legged robots with penalties took 0.7 to 0.84 of the iterations.
+    // While full steps follow one another from a large shift on, with which it began: penalties that are far from met
+    // ask for it, and soon no longer. Legged robots with penalties took 0.7 to 0.84 of the iterations.
     static constexpr Care fast() { return {8.0, 4.0, 30.0, 0.02, 3, 1e-2}; }
     static constexpr bool is_large(double shift) { return shift > 1e3; }
     // Along valleys with negative curvature a shift that shrinks too far costs several short steps each time; smaller
