@@ -85,7 +85,7 @@ def test_a_saved_result_has_clearance_and_obstacles(slalom, solved, tmp_path):
 
 
 def test_where_no_way_is_found_the_result_says_so():
-    shut = scene("ur5", 54)
+    shut = scene("ur5", 47)
     assert around(shut) is None
     assert has_no_way(shut)
     solution = mbocp.solve(shut, solver="monolithic")

@@ -237,7 +237,8 @@ class _Rows:
     def inside(self, slack: Array, margin: float) -> Array:
         """Slacks that are a part of the range between their sides inside, or of the size of the only one."""
         lower, upper = self.lower, self.upper
-        size = np.maximum(1.0, np.abs(np.where(np.isfinite(lower), lower, upper)))
+        side = np.where(np.isfinite(lower), lower, np.where(np.isfinite(upper), upper, 0.0))
+        size = np.maximum(1.0, np.abs(side))
         room = margin * np.where(np.isfinite(upper - lower), upper - lower, size)
         return np.where(self.is_equation, slack, np.clip(slack, lower + room, upper - room))
 
