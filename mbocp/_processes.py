@@ -43,3 +43,17 @@ def signal_handler(number: int, handler: Callable[..., Any] | signal.Handlers) -
         yield
     finally:
         signal.signal(number, before if before is not None else signal.SIG_DFL)
+
+
+@contextmanager
+def signals_wait() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM wait for the end of the block, whose code ends the process if broken off."""
+    heard: list[int] = []
+
+    def hear(number: int, frame: object) -> None:
+        heard.append(number)
+
+    with signal_handler(signal.SIGINT, hear), signal_handler(signal.SIGTERM, hear):
+        yield
+    for number in heard:
+        signal.raise_signal(number)

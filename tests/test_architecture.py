@@ -75,7 +75,7 @@ SOURCES = sorted(
     path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py" and path.name not in SCRIPTS
 )
 ALONE = {
-    "symbolic": {"exceptions", "_arrays", "_native"},
+    "symbolic": {"exceptions", "_arrays", "_native", "_processes"},
     "meshes": {"_text", "exceptions", "_files", "_arrays"},
     "storage": {"exceptions", "_arrays", "_files", "_processes"},
     "_native": set(),

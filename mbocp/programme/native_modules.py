@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Protocol
 
 from mbocp._environment import number_from
+from mbocp._processes import signals_wait
 from mbocp.exceptions import InvalidValue, NativeMismatch
 
 _NEEDED = {4: frozenset({"avx2", "fma"}), 8: frozenset({"avx2", "fma", "avx512f", "avx512dq", "avx512vl"})}
@@ -133,7 +134,8 @@ def nlp_helpers() -> ModuleType:
 def loading_native(what: str = "part") -> Iterator[None]:
     """Around imports of native modules: an error that says how to build what cannot be loaded."""
     try:
-        yield
+        with signals_wait():  # what begins a module aborts where an exception breaks it off
+            yield
     except ImportError as error:
         raise NativeMismatch(
             f"the native {what} cannot be loaded ({error}); build it with `make` or `pip install .`"

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pinocchio as pin
 
+from mbocp._processes import signals_wait
 from mbocp.exceptions import InvalidValue, NativeMismatch, UnknownJoint
 
 if TYPE_CHECKING:
@@ -74,7 +75,8 @@ def _installed_version(name: str) -> str | None:
 def bridge() -> ModuleType:
     """Return the extension module, after `check_versions`."""
     check_versions()
-    return import_module("mbocp._native._bridge")
+    with signals_wait():
+        return import_module("mbocp._native._bridge")
 
 
 def native_constraint(

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from mbocp._processes import signal_handler, signals_wait
 from mbocp.solution import Solution, Status
 
 from .conftest import ARM, FakeSolver, Run
@@ -65,6 +66,18 @@ def test_a_signal_at_any_moment(tmp_path: Path, number: signal.Signals) -> None:
         else:
             assert status == 128 + number, (delay, errors)
             assert errors == "interrupted: stopped before there was a result\n", delay
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_waits_for_the_end_of_a_block(number: int) -> None:
+    """Native modules begin in such blocks: broken off there, they end the process."""
+    heard, done = [], []
+    with signal_handler(number, lambda number, frame: heard.append(number)):
+        with signals_wait():
+            signal.raise_signal(number)
+            assert not heard
+            done.append(number)
+        assert heard == done == [number]
 
 
 @pytest.mark.slow
