@@ -19,7 +19,7 @@ from mbocp.robot import Robot
 from mbocp.solution.atomic import csv_of, replace_file
 from mbocp.solution.fitting import MOST
 from mbocp.solution.joints_sent import EFFORT_RATE, Excess
-from mbocp.solution.recordings import RECORDINGS, record
+from mbocp.solution.recordings import RECORDINGS, record, ros_duration
 from mbocp.solution.sampled import JointSamples, sample
 from mbocp.solution.sent import NotCheckedWarning, Sent, motion_as_sent
 from mbocp.solution.solution_data import SolutionData
@@ -333,7 +333,6 @@ def _ros2(motion: JointSamples, solution: SolutionData) -> bytes:
     ]
     has_efforts = bool(np.isfinite(motion.efforts).all())
     for k, t in enumerate(motion.t):
-        seconds, rest = divmod(round(float(t) * 1e9), 1_000_000_000)
         lines += [
             f"- positions: {_list(motion.positions[k])}",
             f"  velocities: {_list(motion.velocities[k])}",
@@ -342,7 +341,7 @@ def _ros2(motion: JointSamples, solution: SolutionData) -> bytes:
             lines.append(f"  accelerations: {_list(motion.accelerations[k])}")
         if has_efforts:
             lines.append(f"  effort: {_list(motion.efforts[k])}")
-        lines.append(f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}")
+        lines.append(f"  time_from_start: {ros_duration(t)}")
     return ("\n".join(lines) + "\n").encode()
 
 

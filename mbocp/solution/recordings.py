@@ -224,6 +224,12 @@ def _rerun(motion: MotionSamples) -> bytes:
     return bytes(memory.drain_as_bytes())
 
 
+def ros_duration(t: float) -> str:
+    """Return a time [s] as builtin_interfaces/msg/Duration in YAML."""
+    seconds, rest = divmod(round(float(t) * 1e9), 1_000_000_000)
+    return f"{{sec: {seconds}, nanosec: {rest}}}"
+
+
 def _multidof(motion: MotionSamples) -> bytes:
     """Write trajectory_msgs/msg/MultiDOFJointTrajectory as `ros2 topic pub` reads it."""
     if not motion.bases:
@@ -237,11 +243,10 @@ def _multidof(motion: MotionSamples) -> bytes:
             transforms.append({"translation": place, "rotation": turn})
             linear, angular = (dict(zip("xyz", part.tolist(), strict=True)) for part in np.split(rates[n], 2))
             velocities.append({"linear": linear, "angular": angular})
-        seconds, rest = divmod(round(float(t) * 1e9), 1_000_000_000)
         lines += [
             f"- transforms: {json.dumps(transforms)}",
             f"  velocities: {json.dumps(velocities)}",
-            f"  time_from_start: {{sec: {seconds}, nanosec: {rest}}}",
+            f"  time_from_start: {ros_duration(t)}",
         ]
     return ("\n".join(lines) + "\n").encode()
 

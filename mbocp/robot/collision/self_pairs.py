@@ -82,8 +82,8 @@ def self_pairs(
             pair = links[a], links[b]
             gaps = _gaps(pair, (placed[a], placed[b]))
             overlap = np.zeros(gaps.shape[1:])
-            meeting = _Meeting(model, shapes, pair)
-            if _is_in_vain(gaps[: 1 + len(given)].min(axis=(1, 2)), meeting, poses):
+            overlapping = np.flatnonzero(gaps[: 1 + len(given)].min(axis=(1, 2)) < 0.0).tolist()
+            if overlapping and _is_in_vain(overlapping, meeting := _Meeting(model, shapes, pair), poses):
                 dense = dense or [q0, *given, *_poses(model, q0, *limits, _DENSE)]
                 overlap = _overlap(model, pair, meeting, dense)
                 gaps += overlap
@@ -108,23 +108,24 @@ def are_kept_out_in_vain(
     margin: float,
 ) -> bool:
     """Whether spheres of links are nearer to each other than a margin [m] where these do not meet."""
-    placed = _place(model, links, qs)
-    for n, q in enumerate(qs):
-        near = set()
-        for ((a, i), (b, j)), overlap in zip(found.spheres, found.overlaps, strict=True):
-            away = float(np.linalg.norm(placed[a][n, i] - placed[b][n, j]))
-            if away + overlap < links[a].radii[i] + links[b].radii[j] + margin:
-                near.add((a, b))
-        if any(not _Meeting(model, shapes, (links[a], links[b])).is_at(q) for a, b in near):
-            return True
+    if not found.spheres:
+        return False
+    first = np.cumsum([0, *(len(link.radii) for link in links)])
+    spheres = np.array(found.spheres)
+    at = first[spheres[..., 0]] + spheres[..., 1]
+    places = np.concatenate(_place(model, links, qs), axis=1)
+    reach = np.concatenate([link.radii for link in links])[at].sum(axis=1)
+    away = np.linalg.norm(places[:, at[:, 0]] - places[:, at[:, 1]], axis=2) + np.array(found.overlaps)
+    for q, is_near in zip(qs, away < reach + margin, strict=True):
+        for a, b in np.unique(spheres[is_near, :, 0], axis=0):
+            if not _Meeting(model, shapes, (links[a], links[b])).is_at(q):
+                return True
     return False
 
 
-def _is_in_vain(nearest: Array, meeting: _Meeting, poses: Sequence[Array]) -> bool:
-    """Whether spheres overlap in a pose in which shapes do not; in the first, the default, these may not."""
-    overlapping = np.flatnonzero(nearest < 0.0).tolist()
-    is_apart = bool(overlapping) and not meeting.is_at(poses[0])
-    return is_apart and any(not meeting.is_at(poses[n]) for n in overlapping)
+def _is_in_vain(overlapping: Sequence[int], meeting: _Meeting, poses: Sequence[Array]) -> bool:
+    """Whether shapes are apart in a pose in which spheres overlap, and in the first, the default."""
+    return not meeting.is_at(poses[0]) and any(not meeting.is_at(poses[n]) for n in overlapping)
 
 
 def _by_build(model: pin.Model, a: LinkSpheres, b: LinkSpheres, disabled: Collection[frozenset[str]]) -> str:

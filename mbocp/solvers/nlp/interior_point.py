@@ -21,6 +21,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass, norm
+from mbocp._processes import signal_handler
 from mbocp.programme import StagewiseProgramme
 from mbocp.programme.iterate import BoundMultipliers, Iterate
 from mbocp.solvers.nlp.iteration_log import (
@@ -373,11 +374,8 @@ def _interruptible(iteration_callback: IterationCallback, log: IterationLog) -> 
     """Let Ctrl-C, or what the callback raises, end the solver in its next iteration, with what it has."""
     pressed: list[int] = []
     iteration_callback.is_wanted = lambda: not pressed and log.failure is None
-    is_main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number)) if is_main else None
     try:
-        yield
+        with signal_handler(signal.SIGINT, lambda number, frame: pressed.append(number)):
+            yield
     finally:
-        if is_main:
-            signal.signal(signal.SIGINT, before)
         iteration_callback.is_wanted = lambda: True
