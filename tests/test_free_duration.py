@@ -323,6 +323,23 @@ def oscillator(tmp_path_factory: pytest.TempPathFactory) -> mbocp.Robot:
     return mbocp.load_robot(urdfs.write(tmp_path_factory.mktemp("oscillator"), urdf, spring))
 
 
+@pytest.mark.parametrize(("weight", "is_light"), [(1.0, False), (1e-6, True), (0.0, False)])
+def test_a_weight_of_time_that_chooses_nothing_is_told(oscillator, weight: float, is_light: bool) -> None:
+    """A force holds the spring at both ends, so that effort alone wants a short way."""
+    problem = mbocp.Problem.create(
+        oscillator,
+        {"min": 0.1, "max": 20.0, "guess": 4.0},
+        30,
+        start={"q": [1.0]},
+        goal={"q": [2.0], "v": 0.0},
+        cost={"time": weight},
+    )
+    s = solved(problem)
+    assert ("the other terms choose the duration" in s.advice) is is_light
+    if is_light:
+        assert f"time is {weight * s.duration / s.cost:.1g} of the cost" in s.advice
+
+
 @pytest.mark.parametrize(("begin", "hangs"), [(2.0, True), (1.9, False), (1.2, False)])
 @pytest.mark.parametrize("steps", [50, 150])
 def test_a_least_time_without_a_derivative_is_told(

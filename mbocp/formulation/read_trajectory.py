@@ -164,6 +164,7 @@ def _drift_of_simulation(formulation: Formulation, iterate: Iterate) -> float:
 
 _LARGEST_TURN = 1.0  # [rad] in one step; a symplectic Euler step of that size has lost all accuracy
 _MOSTLY = 0.9  # of a cost: what makes it one of time
+_HARDLY = 1e-3  # of a cost: what does not; an effort of the kind c / T^3 leaves time three quarters of it
 _LIGHT = 1e-3  # of the largest inertia; that of a UR5 is 3e-3 at least, of a Panda 2e-3
 _TAKES_PART = 0.3  # of a direction of length 1
 _IDLE = 1e-12  # of the largest multiplier: where nothing depends on a number, its own are zero
@@ -231,6 +232,17 @@ def describe_sensitive_time(
         f"the least time hangs on the limits of the controls: a small change of these changes it by "
         f"{times:.2g} times as much (0.5 is usual), and steps may make it longer by one of them, "
         f"{motion.dts.max():.2g} s: compare with more steps"
+    )
+
+
+def describe_light_time(problem: Problem, duration: float, cost: float) -> str | None:
+    """Say that the weight of time decides next to nothing of a free duration; None if it does."""
+    of_time = float(problem.cost.weight("time")) * duration
+    if problem.duration_range is None or not 0.0 < of_time < _HARDLY * cost:
+        return None
+    return (
+        f"time is {of_time / cost:.1g} of the cost, the other terms choose the duration: for the least time lower "
+        "their weights, cost.effort among them, which is 1 where nothing is said"
     )
 
 

@@ -25,6 +25,7 @@ from mbocp.formulation.iterates import place_iterate, with_robot_of
 from mbocp.formulation.read_trajectory import (
     describe_coarse_turn,
     describe_idle_parameters,
+    describe_light_time,
     describe_light_joints,
     describe_sensitive_time,
     measures_of,
@@ -108,6 +109,7 @@ def read_solution(attempt: Attempt, asked: Problem, *, with_gains: bool = False)
         told = attempt.left_out + _suffix(singular_closure(problem.robot, motion.qs))
         if result.status.is_stationary:
             told += _suffix(describe_sensitive_time(formulation, result.iterate, motion, last.cost))
+            told += _suffix(describe_light_time(problem, float(motion.dts.sum()), last.cost))
             told += _suffix(describe_idle_parameters(formulation, result.iterate))
         judged = replace(formulation, problem=_with_limits_of(problem, asked))
         status, advice, excess = judge(judged, motion, t, result.status, result.advice)

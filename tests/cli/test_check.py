@@ -162,7 +162,7 @@ def test_odd_limits_are_told(tmp_path):
         ('<limit lower="0.5" upper="1" effort="3" velocity="4"/>', "exclude zero"),
         ('<limit lower="1" upper="0" effort="3" velocity="4"/>', "each is taken for the other"),
         ('<limit lower="1" upper="1" effort="3" velocity="4"/>', "limits.position = true does not bound it"),
-        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "limits.effort = true does not bound it"),
+        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "does not bound it, and robot.actuated without"),
         ('<limit lower="-1" upper="1" velocity="4"/>', "no effort"),
     ):
         assert words in told(tmp_path, arm(body, limit))

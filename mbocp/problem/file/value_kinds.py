@@ -114,6 +114,8 @@ def _duration(value: Any) -> float | dict[str, float] | None:
         return None
     if isinstance(value, Mapping):
         return {name: finite_number(entry, f" for {show(name)}") for name, entry in value.items()}
+    if isinstance(value, str):
+        raise ValueError(f"got {show(value)}, expected a number, or {{ min, max, guess }} for a free one")
     return finite_number(value)
 
 

@@ -99,7 +99,7 @@ def test_malformed_toml_names_line_and_column(tmp_path: Path, text: str, where: 
         ("horizon.duration=-1.0", "horizon.duration", r"got -1\.0, expected a positive number"),
         ("horizon.duration=nan", "horizon.duration", "got nan, expected a finite number"),
         ("horizon.duration=inf", "horizon.duration", "got inf, expected a finite number"),
-        ("horizon.duration='long'", "horizon.duration", "got 'long', expected a number"),
+        ("horizon.duration='long'", "horizon.duration", "got 'long', expected a number, or { min"),
         ("horizon=3", "horizon", "got 3, expected a table"),
         ("robot=3", "robot", "got 3, expected a name, a path or a table"),
         ("robot.gravity=[0,0]", "robot.gravity", r"got \[0, 0\], expected a list of 3"),

@@ -232,7 +232,8 @@ def _of_joint(joint: ElementTree.Element) -> Iterator[tuple[str, str]]:
     for key in ("effort", "velocity"):
         if not limit[key]:
             what = "no" if limit[key] is None else "zero"
-            yield f"{what} {key} in <limit>: limits.{key} = true does not bound it", ""
+            motor = ", and robot.actuated without it takes its motor away" if key == "effort" else ""
+            yield f"{what} {key} in <limit>: limits.{key} = true does not bound it{motor}", ""
 
 
 def _of_range(lower: float, upper: float) -> Iterator[tuple[str, str]]:
