@@ -241,8 +241,8 @@ def describe_light_time(problem: Problem, duration: float, cost: float) -> str |
     if problem.duration_range is None or not 0.0 < of_time < _HARDLY * cost:
         return None
     return (
-        f"time is {of_time / cost:.1g} of the cost, the other terms choose the duration: for the least time lower "
-        "their weights, cost.effort among them, which is 1 where nothing is said"
+        f"time is {of_time / cost:.1g} of the cost, the other terms choose the duration: for the least time "
+        "lower their weights, cost.effort among them, which is 1 where nothing is said"
     )
 
 

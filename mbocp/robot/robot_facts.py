@@ -78,7 +78,8 @@ def describe(robot: Robot) -> dict[str, Any]:
 def find_oddities(robot: Robot, q_start: Array | None = None, *, key: str = "") -> tuple[str, ...]:
     """Find what is allowed in the files of a robot, and probably not meant; one line for each.
 
-    Nothing is said of links that have other inertias, and of joints that are locked or follow a leader.
+    Nothing is said of links that have other inertias, of joints that are locked or follow a leader, and of
+    motors where there are none.
 
     Parameters
     ----------
@@ -105,6 +106,9 @@ def find_oddities(robot: Robot, q_start: Array | None = None, *, key: str = "") 
         except MbocpError:  # the file has changed, or is no longer there
             continue
     found = [one for one in found if one.key != "start.q" or one.joint in outside]
+    idle = _passive(robot)
+    driven = {name.removeprefix(part) for name in robot.joint_names if name not in idle for part in parts}
+    found = [one for one in found if one.key != "robot.actuated" or one.joint in driven]
     return tuple(_join_alike(one for one in found if key in ("", one.key)))
 
 

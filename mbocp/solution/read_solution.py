@@ -25,8 +25,8 @@ from mbocp.formulation.iterates import place_iterate, with_robot_of
 from mbocp.formulation.read_trajectory import (
     describe_coarse_turn,
     describe_idle_parameters,
-    describe_light_time,
     describe_light_joints,
+    describe_light_time,
     describe_sensitive_time,
     measures_of,
     read_trajectory,

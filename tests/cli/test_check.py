@@ -154,6 +154,7 @@ def test_joints_of_which_the_same_is_odd_share_a_line_but_for_locked_ones(tmp_pa
     assert oddities_of(load_parts(parts)) == lines
     parts.append({"name": "free", "robot": str(path), "inertias": held["inertias"]})
     assert oddities_of(load_parts(parts)) == (line,)
+    assert not oddities_of(load_robot(path, inertias={"links": BALLS}, actuated=[]))
 
 
 def test_odd_limits_are_told(tmp_path):
@@ -162,7 +163,7 @@ def test_odd_limits_are_told(tmp_path):
         ('<limit lower="0.5" upper="1" effort="3" velocity="4"/>', "exclude zero"),
         ('<limit lower="1" upper="0" effort="3" velocity="4"/>', "each is taken for the other"),
         ('<limit lower="1" upper="1" effort="3" velocity="4"/>', "limits.position = true does not bound it"),
-        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "does not bound it, and robot.actuated without"),
+        ('<limit lower="-1" upper="1" effort="0" velocity="4"/>', "; without a motor, leave it out of"),
         ('<limit lower="-1" upper="1" velocity="4"/>', "no effort"),
     ):
         assert words in told(tmp_path, arm(body, limit))

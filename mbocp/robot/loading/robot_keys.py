@@ -84,7 +84,8 @@ class ReadingKeys(KeyGroup):
     free_flyer: Annotated[bool | None, Key("whether the root link floats", "", _OWN)] = None
     lock: Annotated[Lock, Key("joints made rigid, and where", "rad, m", _OWN)] = None
     actuated: Annotated[
-        list[str] | None, Key("joints with motors, in the order of u; others are passive", "", _OWN, "list of names")
+        list[str] | None,
+        Key("joints with motors, in the order of u; others are passive", "", _OWN, "list of names"),
     ] = None
     mimic: Annotated[
         bool | None,

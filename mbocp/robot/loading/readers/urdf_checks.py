@@ -232,8 +232,11 @@ def _of_joint(joint: ElementTree.Element) -> Iterator[tuple[str, str]]:
     for key in ("effort", "velocity"):
         if not limit[key]:
             what = "no" if limit[key] is None else "zero"
-            motor = ", and robot.actuated without it takes its motor away" if key == "effort" else ""
-            yield f"{what} {key} in <limit>: limits.{key} = true does not bound it{motor}", ""
+            words = f"{what} {key} in <limit>: limits.{key} = true does not bound it"
+            if key == "effort":
+                yield f"{words}; without a motor, leave it out of robot.actuated", "robot.actuated"
+            else:
+                yield words, ""
 
 
 def _of_range(lower: float, upper: float) -> Iterator[tuple[str, str]]:
