@@ -24,6 +24,7 @@ from mbocp.programme import Iterate
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import momenta_of
+from mbocp.robot.wheels import WHEEL_RANGE
 from mbocp.terms.kinds import Energy
 
 _SWEEP_TOLERANCE = 1e-12  # of a step's residual; a Newton step below that is round-off
@@ -175,10 +176,17 @@ def describe_coarse_turn(formulation: Formulation, motion: Motion) -> str | None
     """Say which joint turns too far in one step for a motion of the robot, and how far; None if none does."""
     problem = formulation.problem
     longest = float(motion.dts.max())
-    name, turn = largest_turn(problem.robot, motion.qs, motion.vs, longest, problem.substeps)
+    robot = problem.robot
+    name, turn = largest_turn(robot, motion.qs, motion.vs, longest, problem.substeps)
     if not turn > _LARGEST_TURN:
         return None
-    return f"{name} turns by {turn:.1f} rad in one step, which is no motion any more"
+    wheels = [label.name for label, is_wheel in zip(robot.v_labels, robot.wheels, strict=True) if is_wheel]
+    may = (
+        f' (unless it is "revolute" in its file, within {WHEEL_RANGE:.3g} rad or more)'
+        if name in wheels
+        else ""
+    )
+    return f"{name} turns by {turn:.1f} rad in one step, which is no motion any more{may}"
 
 
 def describe_light_joints(robot: Robot, q: Array, name: str) -> str | None:

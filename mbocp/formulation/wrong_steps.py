@@ -56,11 +56,11 @@ def _errors(problem: Problem, motion: Motion) -> tuple[list[int], Array] | None:
     """Velocity components that turn, and by how much each step is wrong there [rad]; None: nobody knows."""
     robot, order, table = problem.robot, SCHEMES[problem.scheme].order, problem.timeline.switches
     if order == 1 and not (table is not None and table.free_feet):
-        turns = [i for i, label in enumerate(robot.v_labels) if label.unit == "rad/s"]
+        turns = list(robot.angular)
         changes = np.abs(np.diff(motion.vs[:, turns], axis=0))
         return turns, changes * motion.dts[:, None] / (2.0 * problem.substeps)
     if is_open(problem) and COORDINATES[problem.coordinates].has_joint_states:
-        turns = [i for i, label in enumerate(robot.v_labels) if label.unit == "rad/s"]
+        turns = list(robot.angular)
         return turns, _errors_of_longest(robot, motion, turns)
     return None
 

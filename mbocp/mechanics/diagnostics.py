@@ -146,7 +146,7 @@ def manifold_drift(robot: Robot, qs: Array) -> float:
 
 
 def largest_turn(robot: Robot, qs: Array, vs: Array, dt: float, substeps: int = 1) -> tuple[str, float]:
-    """Find the joint that turns furthest within one step of the integrator.
+    """Find the joint that turns furthest within one step of the integrator; wheels are none.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def largest_turn(robot: Robot, qs: Array, vs: Array, dt: float, substeps: int = 
         [rad]
     """
     labels = robot.v_labels
-    angular = [i for i, label in enumerate(labels) if label.unit == "rad/s"]
+    angular = list(robot.angular)
     if not angular:
         return "", 0.0
     speeds = np.abs(vs).max(axis=0)

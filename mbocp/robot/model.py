@@ -34,6 +34,7 @@ from mbocp.robot.payload import LinkInertia, Payload
 from mbocp.robot.placed import PlacedRobot
 from mbocp.robot.resistance import ElasticJoint, JointResistance
 from mbocp.robot.robot_files import RobotFiles
+from mbocp.robot.wheels import find_wheels
 from mbocp.symbolic.algorithms import text_without
 from mbocp.symbolic.model_numbers import (
     ModelNumber,
@@ -276,8 +277,22 @@ class RobotModel:
 
     @cached_property
     def turns(self) -> Array:
-        """Angle [rad] by unit of each component of v, shape (nv,); 0: it turns nothing."""
-        return frozen_array(kinematics.turns(self.model))
+        """Angle [rad] by unit of each component of v, shape (nv,); 0: it turns nothing, or a wheel."""
+        return frozen_array(np.where(self.wheels, 0.0, kinematics.turns(self.model)))
+
+    @cached_property
+    def wheels(self) -> BoolArray:
+        """Which components of v turn what nothing depends on the angle of, shape (nv,)."""
+        if self.forces or self.elastic or self.constraints:
+            return np.zeros(self.model.nv, dtype=np.bool_)
+        return find_wheels(self.model, self.limits.position_lower, self.limits.position_upper)
+
+    @cached_property
+    def angular(self) -> tuple[int, ...]:
+        """Components of v that turn what a step has to resolve: no wheels, but on a circle, of one turn."""
+        turning = (i for i, label in enumerate(self.v_labels) if label.unit == "rad/s")
+        lines = set(self.single[1].tolist())
+        return tuple(i for i in turning if not self.wheels[i] or i not in lines)
 
     @property
     def sources(self) -> tuple[Path, ...]:
