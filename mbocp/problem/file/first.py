@@ -198,9 +198,9 @@ def _joints(robot: Robot, q: Array, shown: BoolArray) -> Iterator[str]:
             words, unit = [repr(x) if x else "0" for x in numbers], "unit quaternion xyzw"
             unit = f"m, {unit}" if kind.word == "floating" else unit
         else:
-            # On constraints every digit counts.
+            # On constraints every digit counts, but for the last, of round-off.
             words, unit = (
-                [repr(x) if robot.nc else _number(x) for x in numbers],
+                [f"{x:.15g}" if robot.nc else _number(x) for x in numbers],
                 ", ".join(dict.fromkeys(u for _, u in kind.v)),
             )
         value = words[0] if len(words) == 1 else f"[{', '.join(words)}]"
@@ -237,9 +237,9 @@ def _limits(motion: FirstMotion) -> list[str]:
 
 
 def _hints(robot: Robot) -> list[str]:
-    """What to try next; the frame is the last body of the robot."""
-    bodies = [frame.name for frame in robot.model.frames if str(frame.type) == "BODY"]
-    name = json.dumps(bodies[-1] if bodies else "tool", ensure_ascii=False)
+    """What to try next; the frame is the last that the robot traces, else its last body."""
+    bodies = (frame.name for frame in robot.model.frames if str(frame.type) == "BODY")
+    name = json.dumps(["tool", *bodies, *robot.trace_frames][-1], ensure_ascii=False)
     return [
         "# What else one may ask of it, see docs/problem_files.md:",
         "#",
