@@ -93,7 +93,8 @@ def _limits(solution: Solution) -> str:
     """Which limits the motion touches, and by how much it leaves them; nothing where there are none."""
     violation = solution.limit_violation
     is_left = violation >= BOUND_TOLERANCE
-    active = [_touches(limit) for limit in solution.active_limits]
+    touched = sorted(solution.active_limits, key=lambda limit: limit.kind != "duration")  # it comes first
+    active = [_touches(limit) for limit in touched]
     if not (_is_bounded(solution) or is_left or active):
         return ""
     listed = "\n".join(active[:_MAX_LIMITS]) or "none is active"
