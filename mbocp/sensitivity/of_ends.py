@@ -224,8 +224,13 @@ class GoalOfJoints(OfState):
         """With another one, nearest to what loops allow."""
         goal = problem.goal
         if self.is_configuration:
-            return replace(problem, goal=replace(goal, q=nearest_configuration(problem.robot, value)))
+            return put_goal(problem, value)
         return replace(problem, goal=replace(goal, value=self._moves(goal.q) @ value))
+
+
+def put_goal(problem: Problem, q: Array) -> Problem:
+    """With another configuration at the goal, nearest to what loops allow."""
+    return replace(problem, goal=replace(problem.goal, q=nearest_configuration(problem.robot, q)))
 
 
 def _tracks_goal(problem: Problem) -> bool:

@@ -95,6 +95,18 @@ def feet_in_contact():
     return example("legged/solo12_jump.toml")
 
 
+def linkage_that_polishes():
+    """Midpoint leaves velocities across its loop, and which of these are zero is said where it ends."""
+    changes = {f"phase.{k}.steps": 10 for k in range(3)}
+    return mbocp.load_problem(EXAMPLES / "loops/polish.toml", changes | {"solver.tolerance": 1e-12})
+
+
+def trot():
+    """Its goal says how high it stands, and so do its legs."""
+    changes = {"gait.cycles": 1, "gait.steps": 6, "goal.frame.x": 0.05, "solver.tolerance": 1e-12}
+    return mbocp.load_problem(EXAMPLES / "legged/solo12_trot.toml", changes)
+
+
 def arm_with_slow_torques():
     limits = {"effort_rate": 120.0}
     return example("arms/payload.toml", steps=12, limits=limits, integrator={"scheme": "midpoint"})
@@ -180,6 +192,15 @@ CASES = [
     (explicit_steps, "start.q", 3, 1e-4),
     (explicit_steps, "cost.potential", 0, 1e-4),
     (phases_with_holds, "start.q", 1, 1e-4),
+    (linkage_that_polishes, "goal.frame.linkage/left_tip.position", 0, 1e-3),
+    pytest.param(
+        linkage_that_polishes,
+        "robot.joint.linkage/right_elbow.z",
+        0,
+        1e-3,
+        marks=pytest.mark.slow,
+    ),
+    pytest.param(trot, "cost.effort", 2, 1e-3, marks=pytest.mark.slow),
     pytest.param(
         bodies_within_a_speed, "start.q", 0, 1e-4, marks=pytest.mark.slow, id="bodies_within_a_speed"
     ),
@@ -197,7 +218,7 @@ def test_agrees_with_differences_of_optima(make, word, k, step):
         quantities -= {"mus"}
     if make is arm_in_least_time:  # of the rest a barrier leaves too much for differences to be so good
         quantities = {"cost", "t"}
-    if make is feet_in_contact:  # multipliers are some of many, and others in each solution
+    if make in (feet_in_contact, linkage_that_polishes, trot):  # multipliers are some of many
         quantities &= {"cost", "t", "qs", "vs", "us"}
     again = [solved(moved(problem, word, k, at * step)) for at, _ in POINTS]
 
@@ -286,6 +307,24 @@ def test_the_optimum_is_that_of_the_solve(path, changes, tmp_path):
     dearer = replace(problem, cost=cost.with_weights({"effort": (1.0 + share) * cost.effort}))
     slope = (mbocp.solve(dearer, warm_start=solution).cost - solution.cost) / share
     assert slope == pytest.approx(derivatives.cost["cost.effort"] @ cost.effort, rel=1e-5)
+
+
+def test_multipliers_that_are_some_of_many_leave_derivatives_of_the_motion():
+    """Legs on the ground say how high a trot ends, and so does its goal."""
+    _, solution = optimum(trot)
+    weights = mbocp.sensitivities(solution, ["cost.velocity"])
+    expected = np.einsum("nu,nuk->k", solution.us, weights.of("us", "cost.velocity"))
+    found = weights.gradient(us=solution.us)["cost.velocity"]
+    assert np.abs(found - expected).max() <= TOLERANCE * np.abs(expected).max()
+    legs = mbocp.sensitivities(solution, ["goal.q"])
+    for read in (
+        lambda: weights.of("eta", "cost.velocity"),
+        lambda: legs.of("us", "goal.q"),
+        lambda: legs.of("cost", "goal.q"),
+        lambda: legs.gradient(us=solution.us),
+    ):
+        with pytest.raises(SingularSystem, match="some of its conditions follow from others"):
+            read()
 
 
 def test_numbers_are_those_of_a_problem_formulated_anew():
@@ -382,7 +421,7 @@ def test_the_inverse_of_the_conditions_derivative_is_symmetric(make):
     rng = np.random.default_rng(0)
     right = Parts(*(rng.normal(size=part.shape) for part in Parts.zeros(kkt.optimum.programme, 2)))
     right = right._replace(ws=np.where(kkt.optimum.held, right.ws, 0.0))
-    found, of_start = kkt.solve(right)
+    found, of_start, _ = kkt.solve(right)
     products = sum(np.inner(a.reshape(2, -1), b.reshape(2, -1)) for a, b in zip(right, found, strict=True))
     assert np.abs(products - products.T).max() <= 1e-8 * np.abs(products).max()
     first = (part[:, 0] for part in (found.xs, found.ys, found.us, found.ms))
