@@ -225,7 +225,9 @@ class GoalOfJoints(OfState):
         goal = problem.goal
         if self.is_configuration:
             return put_goal(problem, value)
-        return replace(problem, goal=replace(goal, value=self._moves(goal.q) @ value))
+        own = self.problem.goal  # of which q may be where the motion ends, while that of others is a guess
+        q = own.q if own.q_is_reached else goal.q
+        return replace(problem, goal=replace(goal, value=self._moves(q) @ value))
 
 
 def put_goal(problem: Problem, q: Array) -> Problem:

@@ -386,6 +386,19 @@ def test_closed_loops_go_along_with_a_pose():
     assert np.abs(expected - exact).max() <= TOLERANCE * np.abs(expected).max()
 
 
+def test_velocities_at_a_goal_are_those_that_contacts_allow_where_the_motion_ends():
+    """Problems themselves have a guess of that end alone."""
+    problem = trot().with_(integrator={"scheme": "midpoint"})
+    (goal,) = mbocp.sensitivities(solved(problem), ["goal.v"]).parameters
+    end, switches = goal.problem.goal, problem.timeline.switches
+    assert end.q_is_reached
+    guess = problem.robot.integrate(end.q, 0.1 * np.ones(problem.robot.nv))
+    guessed = replace(problem, goal=replace(problem.goal, q=guess))
+    given = goal.put(guessed, np.random.default_rng(0).normal(size=problem.robot.nv)).goal.value
+    assert np.abs(switches.at_end(end.q, of_rates=True) @ given).max() < 1e-12
+    assert np.abs(switches.at_end(guess, of_rates=True) @ given).max() > 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:2 limits are active with next to no multiplier")
 def test_velocities_at_the_goal_are_those_that_contacts_allow():
