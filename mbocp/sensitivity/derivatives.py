@@ -19,6 +19,7 @@ from mbocp.sensitivity.change import Change, ProblemNumbers
 from mbocp.sensitivity.kkt import Parts, check_unique
 from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions
 from mbocp.sensitivity.moving_end import take_end_along
+from mbocp.sensitivity.of_ends import check_rates_at_end
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameters import parameters_of
@@ -52,7 +53,7 @@ def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
     Raises
     ------
     SolverError
-        If the solution did not converge.
+        If the solution did not converge, or ends where contacts allow other velocities than at `goal.q`.
     ProblemError
         If the problem has no such parameter; the message has those that it has.
     InvalidValue
@@ -60,6 +61,8 @@ def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
     """
     words = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     formulation, iterate = formulate_again(solution, words)
+    if "goal.v" in words and formulation.problem.timeline.switches is not None:
+        check_rates_at_end(formulation.problem, solution.qs[-1])
     return Sensitivities(formulation, iterate, tuple(parameters_of(formulation, words)))
 
 

@@ -19,6 +19,7 @@ from mbocp.robot.named_numbers import open_numbers
 from mbocp.sensitivity import DegenerateLimitWarning, of_robot
 from mbocp.sensitivity.change import change_along, has_plain_numbers
 from mbocp.sensitivity.kkt import Parts
+from mbocp.sensitivity.of_ends import check_rates_at_end
 from mbocp.sensitivity.parameters import parameters_of
 from mbocp.terms import path_constraint, running_cost
 from tests.sensitivity.moved import moved
@@ -397,6 +398,8 @@ def test_velocities_at_a_goal_are_those_that_contacts_allow_where_the_motion_end
     given = goal.put(guessed, np.random.default_rng(0).normal(size=problem.robot.nv)).goal.value
     assert np.abs(switches.at_end(end.q, of_rates=True) @ given).max() < 1e-12
     assert np.abs(switches.at_end(guess, of_rates=True) @ given).max() > 1e-3
+    with pytest.raises(SolverError, match="contacts allow other velocities"):
+        check_rates_at_end(guessed, end.q)
 
 
 @pytest.mark.slow
