@@ -16,8 +16,10 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
 from mbocp.sensitivity.change import Change, ProblemNumbers
-from mbocp.sensitivity.kkt import Optimum, Parts
+from mbocp.sensitivity.kkt import Parts, check_unique
 from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions
+from mbocp.sensitivity.moving_end import take_end_along
+from mbocp.sensitivity.of_ends import check_rates_at_end
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameters import parameters_of
@@ -51,7 +53,7 @@ def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
     Raises
     ------
     SolverError
-        If the solution did not converge.
+        If the solution did not converge, or ends where contacts allow other velocities than at `goal.q`.
     ProblemError
         If the problem has no such parameter; the message has those that it has.
     InvalidValue
@@ -59,6 +61,8 @@ def sensitivities(solution: Solution, wrt: Sequence[str]) -> Sensitivities:
     """
     words = (wrt,) if isinstance(wrt, str) else tuple(wrt)
     formulation, iterate = formulate_again(solution, words)
+    if "goal.v" in words and formulation.problem.timeline.switches is not None:
+        check_rates_at_end(formulation.problem, solution.qs[-1])
     return Sensitivities(formulation, iterate, tuple(parameters_of(formulation, words)))
 
 
@@ -110,12 +114,14 @@ class Sensitivities:
         """Gradient of the cost by parameter, by the envelope theorem: no system is solved.
 
         It is as exact as the multipliers of the solve: beside limits to about 1e-7 of the largest entry.
-        ``of("cost", word)`` takes those to round-off first.
+        Conditions of the end stay as the solve chose them. ``of("cost", word)`` takes multipliers to
+        round-off first, and such conditions along.
         """
-        return self._by_word(self._cost_at(with_active_limits(self.formulation.programme, self.iterate)))
+        optimum = with_active_limits(self.formulation.programme, self.iterate)
+        return self._by_word(self._functions.gradient(optimum, self._given))
 
-    def _cost_at(self, optimum: Optimum) -> Array:
-        return self._functions.gradient(optimum, self._change)
+    def _cost_along(self, change: Change) -> Array:
+        return self._functions.gradient(self._optimum.kkt.optimum, change)
 
     def of(self, quantity: str, word: str) -> Array:
         """Derivative of a quantity of the solution in a parameter.
@@ -149,9 +155,8 @@ class Sensitivities:
         parameter = next(p for p in self.parameters if p.word == word)
         if quantity in OF_MODEL and isinstance(parameter, OfRobot):
             raise InvalidValue("quantity", quantity, f"one that depends on {word} by the motion alone")
-        optimum = self._optimum.kkt.optimum
         if quantity == "cost":
-            return self._by_word(self._cost_at(optimum))[word]
+            return self._by_word(self._cost_along(self._sound_change))[word]
         columns = [self._reader.along(move, [quantity])[quantity] for move in self._moves[word]]
         return np.stack(columns, axis=-1)
 
@@ -177,7 +182,7 @@ class Sensitivities:
         stretch = np.array([weights @ self._stretches])
         (along,) = self._moves_for(self._change.along(weights[None]), stretch)
         return {
-            "cost": weights @ self._cost_at(self._optimum.kkt.optimum),
+            "cost": weights @ self._cost_along(self._change),
             **self._reader.along(along, OF_MOTION),
         }
 
@@ -197,7 +202,7 @@ class Sensitivities:
         SingularSystem
             If the optimum is not the only one near.
         """
-        kkt, motion = self._optimum.kkt, self.motion
+        motion = self.motion
         shapes = {
             "cost": (),
             "qs": motion.vs.shape,
@@ -210,14 +215,21 @@ class Sensitivities:
             _check_known("quantity", name, shapes)
         given = {name: _array_of_shape(name, bar, shapes[name]) for name, bar in bars.items()}
         of_cost = given.pop("cost", np.zeros(()))
-        xs, us, stretch = self._reader.pull_back(given)
+        whole, stretch = self._pull(given, self._sound_change)
+        whole += stretch * self._stretches
+        if of_cost:
+            whole += of_cost * self._cost_along(self._sound_change)
+        return self._by_word(whole)
+
+    def _pull(self, bars: dict[str, Array], change: Change) -> tuple[Array, float]:
+        """Derivatives along a change of a scalar of the motion, and in the share by which steps grow."""
+        kkt, (xs, us, stretch) = self._optimum.kkt, self._reader.pull_back(bars)
         zeros = Parts.zeros(self.formulation.programme, 1)
         adjoint = kkt.solve(zeros._replace(xs=-xs[None, 1:], us=-us[None]))
-        whole = self._functions.pull(kkt.optimum, adjoint, self._change)
-        whole += self._change.start @ xs[0] + stretch * self._stretches
-        if of_cost:
-            whole += of_cost * self._cost_at(kkt.optimum)
-        return self._by_word(whole)
+        found = self._functions.pull(kkt.optimum, adjoint, change)
+        if adjoint.free is not None:
+            check_unique(found, self._functions.pull(kkt.optimum, kkt.of_multipliers(adjoint.free), change))
+        return found + change.start @ xs[0], stretch
 
     @cached_property
     def _optimum(self) -> Found:
@@ -236,8 +248,31 @@ class Sensitivities:
         return ParameterFunctions(self.formulation)
 
     @cached_property
-    def _change(self) -> Change:
+    def _given(self) -> Change:
+        """What the parameters make of the programme's numbers."""
         return Change.join([parameter.change() for parameter in self.parameters])
+
+    @cached_property
+    def _change(self) -> Change:
+        """The same, with what the motion makes of them."""
+        return take_end_along(self.formulation, self._given, self._slopes_of_end)
+
+    @cached_property
+    def _sound_change(self) -> Change:
+        """The same, refused where conditions of the end that depend on each other would part.
+
+        Contacts may say of the end what the goal says, too. An adjoint does not tell, but any move does.
+        """
+        change = self._change
+        if self.formulation.problem.timeline.switches is not None and change.rho_terminal.any():
+            weights = np.random.default_rng(0).normal(size=(1, len(change.start)))
+            self._moves_for(change.along(weights), np.zeros(1))
+        return change
+
+    def _slopes_of_end(self, change: Change) -> Array:
+        """Derivatives of the last configuration along a change, shape (k, nv)."""
+        moves = self._moves_for(change, np.zeros(len(change.start)))
+        return np.stack([self._reader.along(move, ["qs"])["qs"][-1] for move in moves])
 
     @cached_property
     def _reader(self) -> OptimumReader:
@@ -258,7 +293,7 @@ class Sensitivities:
     def _moves_for(self, change: Change, stretches: Array) -> list[Move]:
         """Moves of the optimum with changes of the programme's numbers."""
         kkt = self._optimum.kkt
-        solved = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change)))).parts
+        solved, _, free = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change))))
         return [
             Move(
                 start=change.start[k],
@@ -267,6 +302,7 @@ class Sensitivities:
                 rho=change.rho[k],
                 rho_terminal=change.rho_terminal[k],
                 stretch=float(stretch),
+                free=None if free is None else Parts(*(part[k] for part in free)),
             )
             for k, stretch in enumerate(stretches)
         ]

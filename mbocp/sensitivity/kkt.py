@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 _MOST_LEFT = 1e-7  # relative residual of a solution of a system that is not singular
 _MOST_APART = 1e-6  # of what solutions add up to: by it derivatives may be wrong
 _GRAIN = 64 * 2.0**-52  # of the largest entry of all: what is less is round-off
+_OF_MOTION = 3  # parts: states, algebraic unknowns, controls; multipliers follow
 _OTHER_WEIGHT = 0.3 * FIRST_WEIGHT  # of the end condition
 
 
@@ -98,10 +99,14 @@ class Parts(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Solutions of the system, and their share in its rows of the given state, shape (k, ndx)."""
+    """Solutions of the system, and their share in its rows of the given state, shape (k, ndx).
+
+    Where conditions depend on each other, multipliers are found but for multiples of what is `free`.
+    """
 
     parts: Parts
     of_start: Array
+    free: Parts | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,42 +176,95 @@ class Kkt:
         Raises
         ------
         SingularSystem
-            If K has no inverse: the solution is not the only one near.
+            If states, algebraic unknowns and controls are not unique: the solution is not the only one near.
         """
         held, count = self.optimum.held, len(right.eta)
         rows = [part.ravel() for part in (*right[:-1], right.ws[:, held])]
         found, of_start, left, apart, largest = self._native.solve_for(rows, count)
         if not _is_round_off(apart, largest):
             raise _singular()
+        free = None
         if not left <= _MOST_LEFT:  # round-off of large terms, or what wrong factors leave
-            self._compare_with_other_factors(found, rows, count)
-        ws = np.zeros_like(right.ws)
-        ws[:, held] = found[-1].reshape(len(ws), -1)
-        of_rest = (f.reshape(r.shape) for f, r in zip(found[:-1], right[:-1], strict=True))
-        return Solved(Parts(*of_rest, ws), of_start.reshape(count, -1))  # type: ignore[call-arg]
+            free = self._compare_with_other_factors(found, rows, count)
+        return Solved(
+            self._parts(found, right),
+            of_start.reshape(count, -1),
+            None if free is None else self._parts(free, right),
+        )
 
-    def _compare_with_other_factors(self, found: Sequence[Array], rows: Sequence[Array], count: int) -> None:
-        """Solve with another weight of the end, on which solutions depend where K is singular."""
+    def of_multipliers(self, free: Parts) -> Solved:
+        """Some multipliers as a solution."""
+        return Solved(free, np.einsum("kr,ir->ki", free.ms[:, 0], self.of_start[3]))
+
+    def _parts(self, found: Sequence[Array], like: Parts) -> Parts:
+        ws = np.zeros_like(like.ws)
+        ws[:, self.optimum.held] = found[-1].reshape(len(ws), -1)
+        of_rest = (f.reshape(r.shape) for f, r in zip(found[:-1], like[:-1], strict=True))
+        return Parts(*of_rest, ws)  # type: ignore[call-arg]
+
+    def _compare_with_other_factors(
+        self, found: Sequence[Array], rows: Sequence[Array], count: int
+    ) -> list[Array] | None:
+        """Solve with another weight of the end, on which solutions depend where K is singular.
+
+        By which multipliers depend on it, if unknowns do not.
+        """
         programme = self.optimum.programme
         if not (programme.ng and factorise_held(self._native, programme, first=_OTHER_WEIGHT)):
             raise _singular()
         again, *_ = self._native.solve_for(rows, count)
-        pairs = [
-            (one.reshape(count, -1), other.reshape(count, -1))
-            for one, other in zip(found, again, strict=True)
-        ]
-        apart = np.array([np.abs(one - other).max(axis=1, initial=0.0) for one, other in pairs])
-        largest = np.array([np.abs(one).max(axis=1, initial=0.0) for one, _ in pairs])
-        is_next_to_nothing = largest[:3].max(axis=0) <= _GRAIN * largest[-1]  # limits bear all of it
-        same = [_is_round_off(*of_one) for of_one in zip(apart[:-1].T, largest[:-1].T, strict=True)]
-        if not (np.array(same) | is_next_to_nothing).all():
-            raise _singular()
+        factorise_held(self._native, programme)  # as before, for what is solved next
+        return _what_is_free(*([part.reshape(count, -1) for part in parts] for parts in (rows, found, again)))
+
+
+def _what_is_free(right: list[Array], found: list[Array], again: list[Array]) -> list[Array] | None:
+    """By which multipliers of two solutions differ, or None if these are the same but for round-off.
+
+    Raises
+    ------
+    SingularSystem
+        If unknowns differ, or what depends on each other cannot move as the right-hand side says.
+    """
+    apart = [other - one for one, other in zip(found, again, strict=True)]
+    sizes, largest = (np.array([_largest(part) for part in parts]) for parts in (apart, found))
+    is_next_to_nothing = largest[:_OF_MOTION].max(axis=0) <= _GRAIN * largest[-1]  # limits bear all of it
+    same = _are_round_off(sizes[:-1], largest[:-1]) | is_next_to_nothing
+    if same.all():
+        return None
+    pairs = zip(apart[_OF_MOTION:], right[_OF_MOTION:], strict=True)
+    products = np.sum([np.sum(a * b, axis=1) for a, b in pairs], axis=0)
+    scale = sizes.max(axis=0) * np.sum([np.abs(part).sum(axis=1) for part in right], axis=0)
+    fits = _are_round_off(sizes[:_OF_MOTION], largest[:_OF_MOTION])
+    fits &= np.abs(products) <= _MOST_APART * scale
+    if not (same | fits).all():
+        raise _singular()
+    return [np.where(same[:, None] | (k < _OF_MOTION), 0.0, part).ravel() for k, part in enumerate(apart)]
+
+
+def _are_round_off(apart: Array, largest: Array) -> BoolArray:
+    """Whether columns are, each by itself."""
+    return np.array([_is_round_off(*pair) for pair in zip(apart.T, largest.T, strict=True)])
 
 
 def _is_round_off(apart: Array, largest: Array) -> bool:
     """Whether parts of solutions are as far apart as round-off makes them, by their largest entries."""
     least = np.maximum(_MOST_APART * largest, _GRAIN * largest.max(initial=0.0))
     return bool((apart <= least).all())  # not with NaN
+
+
+def check_unique(found: Array, free: Array) -> None:
+    """Refuse what multipliers that are not unique say something else of, see `Solved`.
+
+    Raises
+    ------
+    SingularSystem
+    """
+    if not _is_round_off(np.abs(free).max(initial=0.0), np.abs(found).max(initial=0.0)):
+        raise _singular()
+
+
+def _largest(part: Array) -> Array:
+    return np.abs(part).max(axis=1, initial=0.0)
 
 
 def _relative(step: Array, whole: Array) -> float:
@@ -230,5 +288,5 @@ def _of_start(optimum: Optimum) -> tuple[Array, Array, Array, Array]:
 def _singular() -> SingularSystem:
     return SingularSystem(
         "sensitivities: the optimality conditions have no unique derivative: the solution is no minimum, or "
-        "not the only one near"
+        "not the only one near, or some of its conditions follow from others"
     )

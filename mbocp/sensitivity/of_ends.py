@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass
 from mbocp._tolerances import RANK_TOLERANCE
+from mbocp.exceptions import SolverError
 from mbocp.formulation import Formulation
 from mbocp.formulation.gains import tangents
 from mbocp.formulation.layout import places
@@ -23,6 +24,7 @@ from mbocp.robot import Robot
 from mbocp.sensitivity.change import POINTS, Change, ProblemNumbers, change_along
 
 _SAME = 1e-9  # [rad, m]
+_NEAR = 1e-4  # of projections: ends that solves have chosen are nearer
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +226,32 @@ class GoalOfJoints(OfState):
         """With another one, nearest to what loops allow."""
         goal = problem.goal
         if self.is_configuration:
-            return replace(problem, goal=replace(goal, q=nearest_configuration(problem.robot, value)))
-        return replace(problem, goal=replace(goal, value=self._moves(goal.q) @ value))
+            return put_goal(problem, value)
+        own = self.problem.goal  # of which q may be where the motion ends, while that of others is a guess
+        q = own.q if own.q_is_reached else goal.q
+        return replace(problem, goal=replace(goal, value=self._moves(q) @ value))
+
+
+def check_rates_at_end(problem: Problem, q: Array) -> None:
+    """Refuse velocities that contacts allow at the guess of an end, and not where the motion ends, at q.
+
+    Solves with others choose their conditions there.
+
+    Raises
+    ------
+    SolverError
+    """
+    guess, reached = (problem.free_at_end(at) for at in (problem.goal.q, q))
+    if np.abs(guess @ guess.T - reached @ reached.T).max(initial=0.0) > _NEAR:
+        raise SolverError(
+            "sensitivities: goal.v: contacts allow other velocities where the motion ends than at the guess "
+            "of that end; give all of goal.q"
+        )
+
+
+def put_goal(problem: Problem, q: Array) -> Problem:
+    """With another configuration at the goal, nearest to what loops allow."""
+    return replace(problem, goal=replace(problem.goal, q=nearest_configuration(problem.robot, q)))
 
 
 def _tracks_goal(problem: Problem) -> bool:

@@ -19,7 +19,7 @@ from mbocp.programme import BoundMultipliers, Iterate
 from mbocp.programme.evaluation import call
 from mbocp.robot.kinematics import momenta_of
 from mbocp.sensitivity.change import POINTS
-from mbocp.sensitivity.kkt import Optimum, Parts
+from mbocp.sensitivity.kkt import Optimum, Parts, check_unique
 
 _NUMBERS = ("theta", "rho", "rho_terminal")
 
@@ -37,6 +37,8 @@ class Move:
     theta, rho, rho_terminal : ndarray
     stretch : float
         By which part of it all given lengths of steps grow.
+    free : Parts, optional
+        Of multipliers alone: any multiple of it may be added to the step.
     """
 
     start: Array
@@ -45,6 +47,7 @@ class Move:
     rho: Array
     rho_terminal: Array
     stretch: float = 0.0
+    free: Parts | None = None
 
     @property
     def largest(self) -> float:
@@ -76,6 +79,11 @@ class At:
         """That whose programme has the numbers."""
         programme = replace(cast(Any, self.before.programme), **self.numbers, x_start=self.iterate.xs[0])
         return replace(cast(Any, self.before), programme=programme)
+
+
+def _alone(step: Parts, like: Move) -> Move:
+    """A move of unknowns and multipliers, while numbers stay."""
+    return Move(step=step, **{name: np.zeros_like(getattr(like, name)) for name in ("start", *_NUMBERS)})
 
 
 def _momenta(at: At) -> Array:
@@ -144,13 +152,28 @@ class OptimumReader:
         return At(formulation, numbers, iterate, motion)
 
     def along(self, move: Move, names: Collection[str]) -> dict[str, Array]:
-        """Derivatives of readings along a move; of configurations in their tangent space."""
+        """Derivatives of readings along a move; of configurations in their tangent space.
+
+        Raises
+        ------
+        SingularSystem
+            If multipliers are among them that are not unique.
+        """
         exact = self._of_motion(move)
         rest = [name for name in names if name not in exact]
-        points = [(weight, self._at(move, at / move.largest)) for at, weight in POINTS] if rest else []
-        for name in rest:
-            exact[name] = move.largest * np.sum([w * _DIFFERENCED[name](at) for w, at in points], axis=0)
+        exact |= self._differences(move, rest)
+        if rest and move.free is not None:
+            for name, free in self._differences(_alone(move.free, move), rest).items():
+                check_unique(exact[name], free)
         return {name: exact[name] for name in names}
+
+    def _differences(self, move: Move, names: Collection[str]) -> dict[str, Array]:
+        """Derivatives of readings along a move, by differences of fourth order."""
+        points = [(weight, self._at(move, at / move.largest)) for at, weight in POINTS] if names else []
+        return {
+            name: move.largest * np.sum([w * _DIFFERENCED[name](at) for w, at in points], axis=0)
+            for name in names
+        }
 
     @cached_property
     def motion(self) -> Motion:

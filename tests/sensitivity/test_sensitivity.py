@@ -19,6 +19,7 @@ from mbocp.robot.named_numbers import open_numbers
 from mbocp.sensitivity import DegenerateLimitWarning, of_robot
 from mbocp.sensitivity.change import change_along, has_plain_numbers
 from mbocp.sensitivity.kkt import Parts
+from mbocp.sensitivity.of_ends import check_rates_at_end
 from mbocp.sensitivity.parameters import parameters_of
 from mbocp.terms import path_constraint, running_cost
 from tests.sensitivity.moved import moved
@@ -93,6 +94,18 @@ def bodies_within_a_speed():
 def feet_in_contact():
     """Conditions of its contacts follow from others."""
     return example("legged/solo12_jump.toml")
+
+
+def linkage_that_polishes():
+    """Midpoint leaves velocities across its loop, and which of these are zero is said where it ends."""
+    changes = {f"phase.{k}.steps": 10 for k in range(3)}
+    return mbocp.load_problem(EXAMPLES / "loops/polish.toml", changes | {"solver.tolerance": 1e-12})
+
+
+def trot():
+    """Its goal says how high it stands, and so do its legs."""
+    changes = {"gait.cycles": 1, "gait.steps": 6, "goal.frame.x": 0.05, "solver.tolerance": 1e-12}
+    return mbocp.load_problem(EXAMPLES / "legged/solo12_trot.toml", changes)
 
 
 def arm_with_slow_torques():
@@ -180,6 +193,15 @@ CASES = [
     (explicit_steps, "start.q", 3, 1e-4),
     (explicit_steps, "cost.potential", 0, 1e-4),
     (phases_with_holds, "start.q", 1, 1e-4),
+    (linkage_that_polishes, "goal.frame.linkage/left_tip.position", 0, 1e-3),
+    pytest.param(
+        linkage_that_polishes,
+        "robot.joint.linkage/right_elbow.z",
+        0,
+        1e-3,
+        marks=pytest.mark.slow,
+    ),
+    pytest.param(trot, "cost.effort", 2, 1e-3, marks=pytest.mark.slow),
     pytest.param(
         bodies_within_a_speed, "start.q", 0, 1e-4, marks=pytest.mark.slow, id="bodies_within_a_speed"
     ),
@@ -197,7 +219,7 @@ def test_agrees_with_differences_of_optima(make, word, k, step):
         quantities -= {"mus"}
     if make is arm_in_least_time:  # of the rest a barrier leaves too much for differences to be so good
         quantities = {"cost", "t"}
-    if make is feet_in_contact:  # multipliers are some of many, and others in each solution
+    if make in (feet_in_contact, linkage_that_polishes, trot):  # multipliers are some of many
         quantities &= {"cost", "t", "qs", "vs", "us"}
     again = [solved(moved(problem, word, k, at * step)) for at, _ in POINTS]
 
@@ -288,6 +310,24 @@ def test_the_optimum_is_that_of_the_solve(path, changes, tmp_path):
     assert slope == pytest.approx(derivatives.cost["cost.effort"] @ cost.effort, rel=1e-5)
 
 
+def test_multipliers_that_are_some_of_many_leave_derivatives_of_the_motion():
+    """Legs on the ground say how high a trot ends, and so does its goal."""
+    _, solution = optimum(trot)
+    weights = mbocp.sensitivities(solution, ["cost.velocity"])
+    expected = np.einsum("nu,nuk->k", solution.us, weights.of("us", "cost.velocity"))
+    found = weights.gradient(us=solution.us)["cost.velocity"]
+    assert np.abs(found - expected).max() <= TOLERANCE * np.abs(expected).max()
+    legs = mbocp.sensitivities(solution, ["goal.q"])
+    for read in (
+        lambda: weights.of("eta", "cost.velocity"),
+        lambda: legs.of("us", "goal.q"),
+        lambda: legs.of("cost", "goal.q"),
+        lambda: legs.gradient(us=solution.us),
+    ):
+        with pytest.raises(SingularSystem, match="some of its conditions follow from others"):
+            read()
+
+
 def test_numbers_are_those_of_a_problem_formulated_anew():
     """What is known of parameters directly is what formulating moved problems says."""
     derivatives = mbocp.sensitivities(optimum(arm_within_limits)[1], ["start.q"])
@@ -347,6 +387,21 @@ def test_closed_loops_go_along_with_a_pose():
     assert np.abs(expected - exact).max() <= TOLERANCE * np.abs(expected).max()
 
 
+def test_velocities_at_a_goal_are_those_that_contacts_allow_where_the_motion_ends():
+    """Problems themselves have a guess of that end alone."""
+    problem = trot().with_(integrator={"scheme": "midpoint"})
+    (goal,) = mbocp.sensitivities(solved(problem), ["goal.v"]).parameters
+    end, switches = goal.problem.goal, problem.timeline.switches
+    assert end.q_is_reached
+    guess = problem.robot.integrate(end.q, 0.1 * np.ones(problem.robot.nv))
+    guessed = replace(problem, goal=replace(problem.goal, q=guess))
+    given = goal.put(guessed, np.random.default_rng(0).normal(size=problem.robot.nv)).goal.value
+    assert np.abs(switches.at_end(end.q, of_rates=True) @ given).max() < 1e-12
+    assert np.abs(switches.at_end(guess, of_rates=True) @ given).max() > 1e-3
+    with pytest.raises(SolverError, match="contacts allow other velocities"):
+        check_rates_at_end(guessed, end.q)
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:2 limits are active with next to no multiplier")
 def test_velocities_at_the_goal_are_those_that_contacts_allow():
@@ -382,7 +437,7 @@ def test_the_inverse_of_the_conditions_derivative_is_symmetric(make):
     rng = np.random.default_rng(0)
     right = Parts(*(rng.normal(size=part.shape) for part in Parts.zeros(kkt.optimum.programme, 2)))
     right = right._replace(ws=np.where(kkt.optimum.held, right.ws, 0.0))
-    found, of_start = kkt.solve(right)
+    found, of_start, _ = kkt.solve(right)
     products = sum(np.inner(a.reshape(2, -1), b.reshape(2, -1)) for a, b in zip(right, found, strict=True))
     assert np.abs(products - products.T).max() <= 1e-8 * np.abs(products).max()
     first = (part[:, 0] for part in (found.xs, found.ys, found.us, found.ms))
