@@ -404,6 +404,28 @@ def test_other_ways_are_for_what_touches_something_or_leaps_past_it(
     assert len(tried) == count
 
 
+def test_a_round_that_fails_from_where_it_is_begins_at_the_guess(around_a_post, monkeypatch):
+    """With all the room that is known by then."""
+    begun = []
+
+    def attempt(job):
+        begun.append((job.start is None, largest_reserve(job.problem)))
+        found = clearing_attempt(job)
+        if job.start is None:
+            return found
+        result = replace(found.outcome.result, status=Status.STAGNATED)
+        return replace(found, outcome=replace(found.outcome, result=result))
+
+    clearing_attempt = clearing.attempt
+    monkeypatch.setattr("mbocp.clearing.attempt", attempt)
+    solution = mbocp.solve(around_a_post(30))
+    assert solution.converged
+    assert solution.clearance >= 0.0
+    at_guess, room = zip(*begun, strict=True)
+    assert at_guess == (True, False, True)
+    assert 0.0 == room[0] < room[1] == room[2]
+
+
 def test_room_may_grow_in_vain_for_a_while(around_a_post, monkeypatch):
     """The best of all rounds counts, and three that are no better are the last."""
     problem, depths = around_a_post(30), iter([2e-4, 1e-4, 3e-4, 2e-4, 1.5e-4, 0.0])
