@@ -21,24 +21,25 @@ from mbocp.robot import Robot
 _DOCS = Path(__file__).parent / "measured" / "bounds.md"
 _BEGIN = "<!-- tables: python -m benchmarks.bounds --docs -->"
 _STEPS = 60
+Draw = Callable[[int, int], Iterator[Problem]]  # so many tasks, of a seed
 _ROBOTS = Path(__file__).parent.parent / "examples" / "optima" / "robots"
 
 
-def minimum_times(limits: Limits) -> Callable[[int], Iterator[Problem]]:
+def minimum_times(limits: Limits) -> Draw:
     """UR5 from rest to rest between random configurations."""
 
-    def draw(count: int) -> Iterator[Problem]:
-        for pair in pairs("ur5", count):
+    def draw(count: int, seed: int) -> Iterator[Problem]:
+        for pair in pairs("ur5", count, seed):
             yield problem_of("ur5", pair, limits, _STEPS)
 
     return draw
 
 
-def efforts(name: str, duration: float, way: float, **limits: Any) -> Callable[[int], Iterator[Problem]]:
+def efforts(name: str, duration: float, way: float, **limits: Any) -> Draw:
     """From rest to rest, from random configurations by random ways, for the least squared efforts."""
 
-    def draw(count: int) -> Iterator[Problem]:
-        rng, robot = np.random.default_rng(0), load(name)
+    def draw(count: int, seed: int) -> Iterator[Problem]:
+        rng, robot = np.random.default_rng(seed), load(name)
         for _ in range(count):
             q0 = rng.uniform(-1.5, 1.5, robot.nq)
             q1 = q0 + way * rng.uniform(-1.0, 1.0, robot.nq)
@@ -61,7 +62,7 @@ def load(name: str) -> Robot:
     return mbocp.load_robot(path if path.exists() else name, damping=False)
 
 
-TASKS: Mapping[str, Callable[[int], Iterator[Problem]]] = {
+TASKS: Mapping[str, Draw] = {
     "least time: UR5 within accelerations, speeds, torques": minimum_times(Limits(acceleration=True)),
     "least time: UR5 within speeds, torques": minimum_times(Limits()),
     "efforts: two carts, 1 s": efforts("two_carts", 1.0, 1.0),
@@ -72,13 +73,13 @@ TASKS: Mapping[str, Callable[[int], Iterator[Problem]]] = {
 }
 
 
-def measure(draw: Callable[[int], Iterator[Problem]], count: int, starts: int) -> tuple[str, ...]:
+def measure(problems: Iterator[Problem], starts: int) -> tuple[str, ...]:
     """Gaps and times of some tasks; a bound above what was found by more than the steps' error is counted.
 
     What was found is the best of several starts.
     """
     gaps, seconds, failed, above = [], [], 0, 0
-    for problem in draw(count):
+    for problem in problems:
         solution = mbocp.solve(problem.with_(solver={"starts": starts}))
         if not solution.is_stationary:
             failed += 1
@@ -99,16 +100,16 @@ def measure(draw: Callable[[int], Iterator[Problem]], count: int, starts: int) -
     )
 
 
-def table(count: int, starts: int) -> Table:
+def table(kind: str, count: int, starts: int, seed: int) -> Table:
     lines = []
-    for name, draw in TASKS.items():
-        lines.append((name, *measure(draw, count, starts)))
+    for name in (name for name in TASKS if name.startswith(kind)):
+        lines.append((name, *measure(TASKS[name](count, seed), starts)))
         print(*lines[-1], sep=" | ", flush=True)
     columns = ("tasks", "solved", "not", "gap [%]: least / 10 % / median / 90 % / most", "above", "bound [s]")
     note = (
-        f"{count} random tasks each, {_STEPS} steps, the best of {starts} starts; seconds of the processor. "
+        f"{count} random tasks each, seed {seed}, {_STEPS} steps, the best of {starts} starts; seconds of "
+        "the processor. Above: by more than the error of the steps."
     )
-    note += "Above: by more than the error of the steps."
     return Table("Lower bounds", columns, lines, note)
 
 
@@ -116,13 +117,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.bounds", description=__doc__)
     parser.add_argument("--docs", action="store_true", help=f"rewrite the tables of {_DOCS.name}")
     parser.add_argument("--count", type=int, default=200, help="tasks of each kind")
+    parser.add_argument("--kind", default="", choices=("", "least time", "efforts"), help="all by default")
     parser.add_argument("--starts", type=int, default=1, help="of each solve")
+    parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
     one_core()
     tables = [header()]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        tables.append(table(options.count, options.starts))
+        tables.append(table(options.kind, options.count, options.starts, options.seed))
     present(tables, _DOCS, _BEGIN, into_page=options.docs)
 
 

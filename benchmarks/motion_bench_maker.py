@@ -77,10 +77,10 @@ def archive() -> Path:
     return found
 
 
-def names(each: int | None = None) -> Iterator[tuple[str, int]]:
-    """Scenes and numbers of problems, the first `each` of every scene in turn."""
+def names(each: int | None = None, every: int = 1) -> Iterator[tuple[str, int]]:
+    """Scenes and numbers of problems: of every scene in turn the first `each`, or of these every so many."""
     scenes = sorted(path.name for path in (archive() / "problems").iterdir())
-    for number in range(1, 1 + (each or 100)):
+    for number in range(every, 1 + (each or 100), every):
         yield from ((scene, number) for scene in scenes)
 
 
@@ -360,6 +360,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Solve, and print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.motion_bench_maker", description=__doc__)
     parser.add_argument("--each", type=int, help="problems of each of the seven scenes; all 100 by default")
+    parser.add_argument("--every", type=int, default=1, help="so many: 10 are numbers 10, 20, ..., 100")
     parser.add_argument("--starts", type=int, default=1, help="where one alone comes to nothing")
     parser.add_argument(
         "--guess", choices=("auto", "vamp"), default="auto", help="where the first solve begins"
@@ -370,7 +371,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--results", type=Path, default=Path("motion_bench_maker.jsonl"))
     options = parser.parse_args(arguments)
     how = (options.starts, options.steps, options.guess, options.threads)
-    tasks = [Task(*name, *how) for name in names(options.each)]
+    tasks = [Task(*name, *how) for name in names(options.each, options.every)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         lines = run(tasks, options.results, options.processes)

@@ -397,7 +397,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0, help="number")
     parser.add_argument("--starts", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--limit", type=float, help="of each solve [s]")
+    parser.add_argument(
+        "--limit", type=float, help="of each solve by the clock [s]; without, iterations end it"
+    )
     parser.add_argument("--folder", type=Path, default=Path("scenes"), help="of the lines that are done")
     options = parser.parse_args(arguments)
     options.folder.mkdir(parents=True, exist_ok=True)

@@ -52,7 +52,7 @@ class Touching:
         """Links that move and obstacles, or surfaces in their place; links and links where these are kept."""
         robot, clearance = problem.robot, problem.clearance
         shapes = pin.GeometryModel(robot.collision_model)
-        links = list(shapes.geometryObjects)
+        links = [pin.GeometryObject(link) for link in shapes.geometryObjects]  # adding moves the others
         pairs = []
         for made in map(_placed, problem.obstacle) if surfaces is None else surfaces:
             at = shapes.addGeometryObject(made)

@@ -24,7 +24,7 @@ from mbocp.guesses.in_turn import attempt
 from mbocp.job import Job, Strategy, Warm
 from mbocp.problem import Guess, Problem, SolverOptions
 from mbocp.problem.between_nodes import GROSS_EXCESS
-from mbocp.problem.obstacles.approach import depths_along
+from mbocp.problem.obstacles.approach import Approach, touches_along
 from mbocp.problem.obstacles.reserves import (
     largest_reserve,
     rows_of,
@@ -217,21 +217,21 @@ def _find_rows(near: Job, before: list[Attempt]) -> Job:
             continue
         motion = before[-1].formulation.motion_of(before[-1].outcome.result.iterate)
         t = times_of(near.problem, motion.dts)
-        depths = _depths(near.problem, t, motion.qs, motion.vs)
-        wider = with_rows_and_room(near.problem, t, motion.qs, motion.vs, depths)
+        touches = _touches(near.problem, t, motion.qs, motion.vs)
+        wider = with_rows_and_room(near.problem, t, motion.qs, motion.vs, touches)
         if wider is None:
             return replace(near, problem=with_first_reserve(near.problem, t, motion.qs))
         larger, has_more_rows = wider
-        is_deep = max(depths.values(), default=0.0) > _DEEP
+        is_deep = min((touch.distance for touch in touches.values()), default=0.0) < -_DEEP
         near = replace(near, problem=larger, start=None if is_deep else before[-1].carried)
         if not (has_more_rows or is_deep):
             break
     return near
 
 
-def _depths(problem: Problem, t: Array, qs: Array, vs: Array) -> Mapping[str, float]:
-    """How deep things are in each other along a motion [m]."""
-    return {} if problem.clearance is None else depths_along(problem.clearance, t, qs, vs)
+def _touches(problem: Problem, t: Array, qs: Array, vs: Array) -> Mapping[str, Approach]:
+    """Where things are deepest in each other along a motion."""
+    return {} if problem.clearance is None else touches_along(problem.clearance, t, qs, vs)
 
 
 def _out_of_time(last: Attempt, end: CompilationTimeout) -> Attempt:
@@ -302,15 +302,15 @@ class _ClearanceRounds:
         """Solve with more rows or more room; return whether that was asked for, and could be had."""
         lacks = depth_of(self.solution)
         t, qs, vs = self.solution.t, self.solution.qs, self.solution.vs
-        depths = _depths(self.near, t, qs, vs) if lacks else {}
-        wider = with_rows_and_room(self.near, t, qs, vs, depths)
+        touches = _touches(self.near, t, qs, vs) if lacks else {}
+        wider = with_rows_and_room(self.near, t, qs, vs, touches)
         if wider is None:
             return False
         larger, has_more_rows = wider
         has_no_start = has_more_rows and lacks > _DEEP
         tried, again = self._solve(larger, None if has_no_start else self.found.carried)
-        is_bad = not again.is_stationary if has_more_rows else min(lacks, depth_of(again)) > _DEEP
-        if is_bad and not has_no_start:
+        is_deep = not has_more_rows and min(lacks, depth_of(again)) > _DEEP
+        if (is_deep or not again.is_stationary) and not has_no_start:
             tried, again = self._solve(larger, None)  # from the guess, with all that is known
         if not has_more_rows and not again.is_stationary:
             return False

@@ -15,12 +15,20 @@ import pytest
 import mbocp
 from mbocp import clearing
 from mbocp.exceptions import CompilationTimeout
+from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.guesses.around import around, near_the_way
 from mbocp.guesses.ways import straight
 from mbocp.job import Job
 from mbocp.problem import Problem
-from mbocp.problem.obstacles.approach import depths_along
-from mbocp.problem.obstacles.reserves import largest_reserve, missing_pairs, with_pairs, with_rows_and_room
+from mbocp.problem.obstacles.approach import Approach, touches_along
+from mbocp.problem.obstacles.reserves import (
+    largest_reserve,
+    missing_pairs,
+    rows_of,
+    with_pairs,
+    with_room,
+    with_rows_and_room,
+)
 from mbocp.solution import Status
 from mbocp.solution.later import retold
 from mbocp.strategies import BestInTime
@@ -140,14 +148,64 @@ def test_what_has_had_no_row_has_room_for_the_corners_alone(around_a_post):
     t, q1 = np.linspace(0.0, 1.0, 31), np.asarray(problem.goal.q)
     qs = problem.q_start + t[:, None] * (q1 - problem.q_start)
     vs = np.tile(q1 - problem.q_start, (31, 1))
-    depths = depths_along(problem.clearance, t, qs, vs)
-    assert max(depths.values()) > 0.025
-    larger, has_more_rows = with_rows_and_room(with_pairs(problem, []), t, qs, vs, depths)
+    touches = touches_along(problem.clearance, t, qs, vs)
+    deepest = max(-touch.distance for touch in touches.values())
+    assert deepest > 0.025
+    larger, has_more_rows = with_rows_and_room(with_pairs(problem, []), t, qs, vs, touches)
     assert has_more_rows
     assert 1e-3 < largest_reserve(larger) < 0.012
-    has_all, has_more_rows = with_rows_and_room(problem, t, qs, vs, depths)  # rows have not kept them out
+    has_all, has_more_rows = with_rows_and_room(problem, t, qs, vs, touches)  # rows have not kept them out
     assert not has_more_rows
-    assert largest_reserve(has_all) > max(depths.values())
+    assert largest_reserve(has_all) > deepest
+
+
+def beside_itself(goal: np.ndarray) -> Problem:
+    """A UR5, of which some spheres may be in each other, as shapes decide there."""
+    return Problem.create(
+        mbocp.load_robot("ur5"),
+        1.0,
+        20,
+        start={"q": [0.0, -1.2, 1.0, -1.0, -1.57, 0.0]},
+        goal={"q": goal, "v": 0},
+        cost={"effort": 1e-3},
+        self_collision=True,
+        scheme="se1",
+    )
+
+
+@pytest.mark.parametrize(
+    "q", [[-2.527, 0.874, 2.623, -2.441, 1.455, -1.52], [1.264, 0.354, -2.406, 1.915, -0.459, -0.602]]
+)
+def test_rows_that_let_shapes_meet_keep_out_where_they_do(q):
+    """One row is short there of more than shapes are deep in each other."""
+    problem, t, qs = beside_itself(np.full(6, -0.5)), np.array([0.0, 0.1]), np.tile(q, (2, 1))
+    values = problem.clearance.values(problem.robot, np.array(q), np.zeros(6))
+    assert (values >= problem.clearance.lower).all()
+    touches = touches_along(problem.clearance, t, qs)
+    assert len(touches) == 1
+    larger, has_more_rows = with_rows_and_room(problem, t, qs, np.zeros_like(qs), touches)
+    assert not has_more_rows
+    lower = rows_of(larger).lower
+    kept_out = np.flatnonzero(values < lower)
+    assert len(kept_out) == 1
+    (touch,) = touches.values()
+    assert lower[kept_out] - values[kept_out] == pytest.approx(2e-3 - touch.distance, abs=1e-6)
+
+
+def test_room_at_nodes_falls_to_that_of_the_goal():
+    """Before the last tenth of the steps it is all that is asked for, and no goal is kept out."""
+    problem = beside_itself(np.array([0.0, -2.0, 2.4, -1.0, -1.57, 0.0]))
+    clearance = problem.clearance
+    at_goal = clearance.values(problem.robot, np.asarray(problem.goal.q), np.zeros(6))
+    qs = np.linspace(problem.q_start, problem.goal.q, 21)
+    wider = with_room(problem, np.full(clearance.num_pairs, 0.05), np.linspace(0.0, 1.0, 21), qs)
+    lower, _ = sides_of_path(wider)
+    assert lower[:18] == pytest.approx(np.broadcast_to(clearance.lower + 0.05, (18, len(at_goal))))
+    assert (lower[17] > at_goal).any()
+    assert (lower[-1] <= at_goal).all()
+    assert lower[18] == pytest.approx((lower[17] + lower[19]) / 2.0)
+    has_all = at_goal > clearance.lower + 0.06
+    assert lower[-1, has_all] == pytest.approx(lower[0, has_all])
 
 
 def test_rough_motions_say_how_much_room_there_has_to_be(around_a_post, monkeypatch):
@@ -346,6 +404,28 @@ def test_other_ways_are_for_what_touches_something_or_leaps_past_it(
     assert len(tried) == count
 
 
+def test_a_round_that_fails_from_where_it_is_begins_at_the_guess(around_a_post, monkeypatch):
+    """With all the room that is known by then."""
+    begun = []
+
+    def attempt(job):
+        begun.append((job.start is None, largest_reserve(job.problem)))
+        found = clearing_attempt(job)
+        if job.start is None:
+            return found
+        result = replace(found.outcome.result, status=Status.STAGNATED)
+        return replace(found, outcome=replace(found.outcome, result=result))
+
+    clearing_attempt = clearing.attempt
+    monkeypatch.setattr("mbocp.clearing.attempt", attempt)
+    solution = mbocp.solve(around_a_post(30))
+    assert solution.converged
+    assert solution.clearance >= 0.0
+    at_guess, room = zip(*begun, strict=True)
+    assert at_guess == (True, False, True)
+    assert 0.0 == room[0] < room[1] == room[2]
+
+
 def test_room_may_grow_in_vain_for_a_while(around_a_post, monkeypatch):
     """The best of all rounds counts, and three that are no better are the last."""
     problem, depths = around_a_post(30), iter([2e-4, 1e-4, 3e-4, 2e-4, 1.5e-4, 0.0])
@@ -358,7 +438,8 @@ def test_room_may_grow_in_vain_for_a_while(around_a_post, monkeypatch):
 
     read = Job.read
     monkeypatch.setattr(Job, "read", touching)
-    monkeypatch.setattr("mbocp.clearing.depths_along", lambda *motion: {"l3 and post": 1e-4})
+    touch = {"l3 and post": Approach(-1e-4, 0.0, "l3", "post", 0.5)}
+    monkeypatch.setattr("mbocp.clearing.touches_along", lambda *motion: touch)
     solution = mbocp.solve(problem.with_(guess={"kind": "line"}))
     assert solution.clearance == -1e-4
     assert list(depths) == [0.0]

@@ -17,10 +17,10 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.approach import (
     clearances_along,
-    depths_along,
     keeps_clear,
     nearest_approach,
     poses_between,
+    touches_along,
 )
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.shape_distances import ShapeDistances
@@ -158,7 +158,7 @@ def test_what_runs_backwards_or_is_not_finite_has_no_poses(clearance: Clearance)
     for ts, places in ((-t, qs), (t[[0, 2, 1, 3]], qs), (0.0 * t, qs), (t, np.nan * qs)):
         assert nearest_approach(clearance, ts, places) is None
         assert keeps_clear(clearance, ts, places, 0.0)
-        assert depths_along(clearance, ts, places) == {}
+        assert touches_along(clearance, ts, places) == {}
 
 
 @settings(max_examples=8)
@@ -179,10 +179,11 @@ def test_it_is_the_least_of_all_pairs_at_all_poses(clearance, seed, spread):
         assert (beside >= told - 2e-6).all(axis=0).any()
     along = (beyond + margins).min(axis=1)
     assert clearances_along(clearance, times, sampled) == pytest.approx(along, abs=2e-6)
-    depths, deepest = depths_along(clearance, t, qs), -(beyond + margins).min(axis=0)
-    inside = zip(sorted(depths.values()), sorted(deepest[deepest > 0.0]), strict=True)
+    touches, deepest = touches_along(clearance, t, qs), -(beyond + margins).min(axis=0)
+    depths = sorted(-touch.distance for touch in touches.values())
+    inside = zip(depths, sorted(deepest[deepest > 0.0]), strict=True)
     assert all(0.0 < depth <= most + 2e-6 for depth, most in inside)
-    assert found.distance >= 0.0 or found.between in depths
+    assert found.distance >= 0.0 or found.between in touches
 
 
 @settings(max_examples=8)

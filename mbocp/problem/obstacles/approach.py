@@ -100,8 +100,8 @@ def keeps_clear(clearance: Clearance, t: Array, qs: Array, tolerance: float, vs:
     return search.nearest(-tolerance, is_any=True) is None
 
 
-def depths_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = None) -> dict[str, float]:
-    """How deep things are in each other [m], by `Approach.between`; nothing of what touches nothing.
+def touches_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = None) -> dict[str, Approach]:
+    """Where things are deepest in each other, by `Approach.between`; nothing of what touches nothing.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def depths_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = N
     t, qs, vs : ndarray, shapes (N + 1,), (N + 1, nq) and (N + 1, nv)
         As in `nearest_approach`.
     """
-    found = dict[str, float]()
+    found = dict[str, Approach]()
     if not clearance.rows or not _goes_on(t, qs):
         return found
     search = _Search.of(clearance, t, qs, vs, _farthest(clearance))
@@ -119,7 +119,7 @@ def depths_along(clearance: Clearance, t: Array, qs: Array, vs: Array | None = N
             -margins[0]
         )
         if nearest is not None:
-            found[nearest.between] = -nearest.distance
+            found[nearest.between] = nearest
     return found
 
 

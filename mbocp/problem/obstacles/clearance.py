@@ -18,7 +18,7 @@ from mbocp.robot.collision.obstacle import SMOOTHING, Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
 from mbocp.robot.collision.planes import Planes, planes_around
 from mbocp.robot.collision.self_pairs import SelfPairs
-from mbocp.terms.bounded import BoundedTerm, MotionAtNodes
+from mbocp.terms.bounded import BoundedTerm, MotionAtNodes, SidesInSteps
 from mbocp.terms.clearance_term import ClearanceRow, ClearanceTerm, HullSlots, clearance_slots
 from mbocp.terms.distances import MOST_PLANES, Core, HullCore, core_of
 from mbocp.terms.span import Span
@@ -36,6 +36,7 @@ _NOWHERE = -1e3  # [m] along z: where what moves is at no time
 _STILL_SLOTS, _MOVING_SLOTS = 64, 16  # of chosen pairs
 _HULL_SLOTS = 16  # the same, of hulls
 _FEW_HULLS = 16  # that all have planes in each row's table
+_BEFORE_GOAL = 0.1  # of the steps, in which room falls to that of the goal
 _ROUNDING = 0.05  # of the largest distance that a row keeps: error of planes for a hull that is small enough
 
 
@@ -85,6 +86,8 @@ class Clearance(BoundedTerm):
         Pairs that have rows; all where it is None.
     reserve : ndarray, shape (num_pairs,), optional
         What rows keep beyond the margins, for what happens between nodes [m]; nothing where it is None.
+    goal_room : ndarray, shape (num_pairs,), optional
+        What the goal lets them keep of that [m]; all where it is None.
     """
 
     robot: Robot
@@ -97,6 +100,7 @@ class Clearance(BoundedTerm):
     self_pairs: SelfPairs | None = None
     chosen: tuple[int, ...] | None = None
     reserve: Array | None = None
+    goal_room: Array | None = None
 
     name = "clearance"
     span = Span()
@@ -151,9 +155,12 @@ class Clearance(BoundedTerm):
         """What rows keep beyond the margins, shape (num_pairs,) [m]."""
         return np.zeros(self.num_pairs) if self.reserve is None else self.reserve
 
-    def of_pairs(self, chosen: Sequence[int] | None, reserve: Array | None = None) -> Clearance:
+    def of_pairs(
+        self, chosen: Sequence[int] | None, reserve: Array | None = None, goal_room: Array | None = None
+    ) -> Clearance:
         """The same with rows for some of the pairs alone, or for all, that keep a reserve."""
-        found = replace(self, chosen=None if chosen is None else tuple(sorted(chosen)), reserve=reserve)
+        chosen = None if chosen is None else tuple(sorted(chosen))
+        found = replace(self, chosen=chosen, reserve=reserve, goal_room=goal_room)
         for name in _OF_ALL_PAIRS:
             found.__dict__[name] = getattr(self, name)
         return found
@@ -403,8 +410,24 @@ class Clearance(BoundedTerm):
     @cached_property
     def lower(self) -> Array:
         """Least clearances, shape (rows,) [m]."""
-        least = self.margins + self.reserves
-        return np.array([-np.inf if k < 0 else least[k] for k in self._order])
+        return self._of_rows(self.margins + self.reserves, -np.inf)
+
+    def _of_rows(self, values: Array, idle: float) -> Array:
+        """Values of pairs by rows, shape (..., rows)."""
+        order = np.array(self._order, dtype=np.intp)
+        return np.where(order < 0, idle, values[..., order])
+
+    def sides_in_steps(
+        self, num_steps: int, dt: float, limits: Mapping[str, tuple[Array, Array]] | None, *, is_inner: bool
+    ) -> SidesInSteps | None:
+        """Before the goal rows keep less, down to the room that it has itself."""
+        if self.goal_room is None or not (self.reserves > self.goal_room).any():
+            return None
+        count = max(round(_BEFORE_GOAL * num_steps), 1)
+        shares, least = np.arange(count)[::-1, None] / count, np.minimum(self.goal_room, self.reserves)
+        lower = self._of_rows(self.margins + least + shares * (self.reserves - least), -np.inf)
+        beyond = self._inner_radii if is_inner else 0.0
+        return np.arange(num_steps - count, num_steps), lower + beyond, np.full(lower.shape, np.inf)
 
     @cached_property
     def upper(self) -> Array:
@@ -412,11 +435,14 @@ class Clearance(BoundedTerm):
         return np.full(self.rows, np.inf)
 
     @property
+    def _inner_radii(self) -> Array:
+        """What distances of centres from cores have beyond clearances, shape (rows,) [m]."""
+        return self._of_rows(self._pair_clearances.pairs[:, 2], 0.0)
+
+    @property
     def inner_bounds(self) -> tuple[Array, Array]:
         """Bounds of the expression: of distances of centres from cores."""
-        pairs = self._pair_clearances.pairs
-        radii = np.array([0.0 if k < 0 else pairs[k, 2] for k in self._order])
-        return self.lower + radii, self.upper
+        return self.lower + self._inner_radii, self.upper
 
     @cached_property
     def numbers(self) -> dict[str, Array]:

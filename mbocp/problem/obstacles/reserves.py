@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.problem.obstacles.approach import poses_between
+from mbocp.problem.obstacles.approach import Approach, poses_between
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import along, between
 
@@ -81,7 +81,7 @@ def with_room(problem: Problem, room: Array, ts: Array, qs: Array) -> Problem:
 
 
 def with_rows_and_room(
-    problem: Problem, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]
+    problem: Problem, t: Array, qs: Array, vs: Array, touches: Mapping[str, Approach]
 ) -> tuple[Problem, bool] | None:
     """The problem with rows for what a motion touches that had none, and room where it cuts corners.
 
@@ -91,8 +91,8 @@ def with_rows_and_room(
     t : ndarray, shape (N + 1,)
         [s].
     qs, vs : ndarray, shapes (N + 1, nq) and (N + 1, nv)
-    depths : mapping of str to float
-        How deep things are in each other [m], see `mbocp.problem.obstacles.approach.depths_along`.
+    touches : mapping of str to Approach
+        Where things are deepest in each other, see `mbocp.problem.obstacles.approach.touches_along`.
 
     Returns
     -------
@@ -103,8 +103,8 @@ def with_rows_and_room(
     if rows is None or not np.isfinite(qs).all():
         return None
     missing, reserve, chosen = set(missing_pairs(problem, t, qs, vs)), rows.reserves, rows.chosen
-    if depths:
-        more = _shortfalls(rows, t, qs, vs, depths)
+    if touches:
+        more = _shortfalls(rows, t, qs, vs, touches)
         missing |= set(np.flatnonzero(more).tolist())
         # With more it jumps over something: that takes more steps.
         reserve = np.where(reserve + more <= _MOST, reserve + more, reserve)
@@ -120,7 +120,7 @@ def with_rows_and_room(
     return found, has_more_rows
 
 
-def _shortfalls(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping[str, float]) -> Array:
+def _shortfalls(rows: Clearance, t: Array, qs: Array, vs: Array, touches: Mapping[str, Approach]) -> Array:
     """What each pair is short of between nodes, shape (num_pairs,) [m]; 0: nothing.
 
     A pair that has had no row is short of what the motion cuts off between nodes: its row keeps the rest.
@@ -135,11 +135,17 @@ def _shortfalls(rows: Clearance, t: Array, qs: Array, vs: Array, depths: Mapping
         has_row[list(rows.chosen)] = True
         cut = np.maximum(rows.nearest_of_pairs(qs, _MOST, t) - least, 0.0)
     for group, pair in enumerate(rows.link_pairs):
-        depth = depths.get(" and ".join(rows.names_of(pair)))
-        if depth is not None:
-            meant = is_near & (rows.groups == group)
-            nearest = meant & (least < least[meant].min(initial=np.inf) + _RESERVE)
-            more[nearest] = np.where(has_row, depth, cut)[nearest] + _SPARE
+        touch = touches.get(" and ".join(rows.names_of(pair)))
+        meant = np.flatnonzero(is_near & (rows.groups == group))
+        if touch is None or not meant.size:
+            continue
+        nearest, left = meant[least[meant] < least[meant].min() + _RESERVE], 0.0
+        if rows.overlaps[meant].any():
+            there = sampled[[times.searchsorted(touch.time)]]
+            values = rows.pair_values(there, ts=np.array([touch.time]), pairs=meant)[0]
+            values -= (rows.margins + rows.reserves)[meant]
+            nearest, left = meant[[values.argmin()]], max(float(values.min()), 0.0)
+        more[nearest] = np.where(has_row, left - touch.distance, cut)[nearest] + _SPARE
     if _is_exact(rows):
         lack = _RESERVE + np.where(has_row, -least, cut)
         more = np.maximum(more, np.where(least < 0.0, lack, 0.0))
@@ -165,9 +171,8 @@ def _with(problem: Problem, rows: Clearance, chosen: tuple[int, ...] | None, res
     """The problem with these rows and room, but for what the goal has not; it is not checked again."""
     at_end = None if problem.timeline.has_free_lengths else np.array([problem.duration])
     room = rows.pair_values(np.asarray(problem.goal.q)[None], ts=at_end)[0] - rows.margins
-    if problem.goal.q_active.all():
-        reserve = np.minimum(reserve, np.maximum(room - _RESERVE, 0.0))
-    larger = rows.of_pairs(chosen, reserve)
+    goal_room = np.maximum(room - _RESERVE, 0.0) if problem.goal.q_active.all() else None
+    larger = rows.of_pairs(chosen, reserve, goal_room)
     return replace(problem, path=tuple(larger if c is rows else c for c in problem.path))
 
 
@@ -203,7 +208,8 @@ def with_pairs(problem: Problem, chosen: Collection[int]) -> Problem:
     rows = rows_of(problem)
     if rows is None:
         return problem
-    path = tuple(rows.of_pairs(tuple(chosen), rows.reserve) if c is rows else c for c in problem.path)
+    larger = rows.of_pairs(tuple(chosen), rows.reserve, rows.goal_room)
+    path = tuple(larger if c is rows else c for c in problem.path)
     return replace(problem, path=path)
 
 
