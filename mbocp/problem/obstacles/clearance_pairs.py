@@ -260,11 +260,20 @@ def clear_configuration(
     It is the nearest to the start of the configurations that keep all margins. Where none is found the goal
     is as it was, and so is that of a robot with closed loops, whose other configurations it may not get to.
     """
+    if clearance.least(goal.q[None])[0] >= 0.0:
+        return goal
+    found = configurations_at(robot, goal, q_start, limits)
+    room = clearance.least(found) if len(found) else np.zeros(0)
+    return replace(goal, q=found[int((room >= 0.0).argmax())]) if (room >= 0.0).any() else goal
+
+
+def configurations_at(robot: Robot, goal: Goal, q_start: Array, limits: Bounds) -> Array:
+    """Many configurations at a goal that frames alone say, the nearest to the start first, shape (n, nq).
+
+    None where it is not frames alone that say it, or loops are closed.
+    """
     is_free = bool(goal.poses) and goal.enforce != "none" and not goal.q_active.all()
-    if robot.nc or not is_free or clearance.least(goal.q[None])[0] >= 0.0:
-        return goal
+    if robot.nc or not is_free:
+        return np.zeros((0, robot.nq))
     found = goal_branches(robot, goal, q_start, limits, _BRANCHES, _RESTARTS)
-    if not found.reached:
-        return goal
-    room = clearance.least(found.branches)
-    return replace(goal, q=found.branches[int((room >= 0.0).argmax())]) if (room >= 0.0).any() else goal
+    return found.branches if found.reached else np.zeros((0, robot.nq))
