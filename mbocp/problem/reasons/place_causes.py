@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.problem.obstacles.clearance_pairs import configurations_at
+from mbocp.problem.obstacles.clear_goal import clearest
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
@@ -118,18 +118,17 @@ def _at_goal(problem: Problem) -> Iterator[Cause]:
     clearance, goal, robot = problem.clearance, problem.goal, problem.robot
     if clearance is None or clearance.movers or not clearance.rows or clearance.least(goal.q[None])[0] >= 0.0:
         return
-    found = configurations_at(robot, goal, problem.q_start, problem.limits_of_ends[1])
-    room = clearance.least(found) if len(found) else np.zeros(0)
-    if not room.size or room.max() >= -_SLACK:
+    q, room, count = clearest(robot, goal, problem.q_start, problem.limits_of_ends[1], clearance)
+    if not room < -_SLACK:
         return
-    q, frame = found[int(room.argmax())], goal.poses[0].name
+    frame = goal.poses[0].name
     place = ", ".join(f"{x:.4g}" for x in robot.frame_placement(frame, q).translation)
     joints = ", ".join(f"{c.name} {x:.4g} {c.unit}".rstrip() for c, x in zip(robot.q_labels, q, strict=True))
     words = (
-        f"{clearance.refusal(clearance.values(robot, q, np.zeros(robot.nv)), 'goal')}; of {len(found)} "
+        f"{clearance.refusal(clearance.values(robot, q, np.zeros(robot.nv)), 'goal')}; of {count} "
         f"configurations that bring {frame} there this is in it least: {joints}, {frame} at ({place}) m"
     )
-    yield Cause("goal", frame, words, False, 1.0 - float(room.max()))
+    yield Cause("goal", frame, words, False, 1.0 - room)
 
 
 def fall_causes(problem: Problem) -> Iterator[Cause]:
