@@ -20,7 +20,6 @@ from mbocp.solution import Solution
 from mbocp.solving import solve
 
 _ITERATIONS = 150  # of a solve; a problem that is solvable takes some thirty
-_SECONDS = 30.0  # of a solve, at most
 _CLOSE = 1.03  # factors nearer to each other than this are not told apart
 _LETTERS = {key.removeprefix("limits."): letter for letter, key in LIMITS.items()}
 _STORED = ("u", "v", "q")  # whose values a solution has
@@ -137,7 +136,7 @@ def _relax(relaxation: Relaxation, factor: float, near: Solution | None) -> Solu
 def _solve(problem: Problem, near: Solution | None) -> Solution | None:
     """The solution, if Newton's method finds one."""
     options = replace(
-        problem.solver, method="monolithic", starts=1, max_iterations=_ITERATIONS, time_limit=_SECONDS
+        problem.solver, method="monolithic", starts=1, max_iterations=_ITERATIONS, time_limit=None
     )
     try:
         solution = solve(problem.with_(solver=options), warm_start=near)

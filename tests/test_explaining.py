@@ -39,6 +39,29 @@ def test_a_certain_cause_needs_no_solve():
     assert not found.given
 
 
+@pytest.mark.parametrize("is_in_the_way", [True, False])
+def test_a_goal_among_obstacles_is_named_with_its_pose(is_in_the_way: bool):
+    """In a ball about it no configuration is clear of it, and behind that one is."""
+    place = [0.4, 0.2, 0.5]
+    problem = Problem.create(
+        "ur5",
+        1.0,
+        10,
+        goal={"frame": {"name": "tool0", "position": place}},
+        obstacle=[
+            {"shape": "sphere", "radius": 0.08, "position": [*place[:2], 0.5 if is_in_the_way else 1.5]}
+        ],
+    )
+    causes = explain(problem, search=False).causes
+    assert [(cause.kind, cause.where, cause.is_certain) for cause in causes] == (
+        [("goal", "tool0", False)] if is_in_the_way else []
+    )
+    for cause in causes:
+        assert "obstacle 'sphere 1': at the goal" in cause.words
+        assert cause.words.endswith("rad, tool0 at (0.4, 0.2, 0.5) m")
+        assert all(f"{name} " in cause.words for name in problem.robot.joint_names)
+
+
 def test_the_command_says_it(run, tmp_path):
     path = tmp_path / "fast.toml"
     path.write_text(

@@ -16,7 +16,7 @@ from mbocp.cli import signals
 from mbocp.cli.app import Json, Quiet, ResultFile, argument, option, output_file
 from mbocp.cli.console import count
 from mbocp.cli.solve import IMAGES, PAGES, check_output
-from mbocp.exceptions import InvalidValue, ReplayError, ResultFileError, RobotError
+from mbocp.exceptions import InvalidValue, LimitsExceeded, ReplayError, ResultFileError, RobotError
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -221,7 +221,8 @@ def export(
         )
     solution = Solution.load(result)
     if name in RECORDINGS:
-        write_recording(solution, output, name, rate, interpolation, part)
+        with _exit_on_excess():
+            write_recording(solution, output, name, rate, interpolation, part, check=check)
         if not quiet:
             typer.echo(f"{name}: {output}; {solution.duration:.6g} s, the motion as it was solved")
         return
@@ -252,6 +253,16 @@ def export(
             f"its ends up to {_largest_acceleration(motion, 0)} and {_largest_acceleration(motion, -1)}"
             f"{_points(sent, rate)}"
         )
+
+
+@contextmanager
+def _exit_on_excess() -> Iterator[None]:
+    """Exit with 1 where limits are left, and a file is not written."""
+    try:
+        yield
+    except LimitsExceeded as error:
+        typer.echo(str(error).replace("check=False", "--no-check"), err=True)
+        raise typer.Exit(1) from error
 
 
 def _points(sent: Sent, rate: float | None) -> str:

@@ -17,8 +17,9 @@ from mbocp.problem.goals.free_start import check_free_start, check_periodic
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.integration import check_integrator, choose_scheme
 from mbocp.problem.limits import Bounds, check_mean_squares
+from mbocp.problem.obstacles.clear_goal import clear_configuration
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
-from mbocp.problem.obstacles.clearance_pairs import clear_configuration, clearance_of
+from mbocp.problem.obstacles.clearance_pairs import clearance_of
 from mbocp.problem.pipeline import Step
 from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.resolve_checks import (

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array
+from mbocp._arrays import Array, IntArray
 from mbocp.robot.kinematics import difference
 from mbocp.robot.model import RobotModel
 
@@ -48,17 +48,39 @@ def along(robot: RobotModel, t: Array, qs: Array, vs: Array | None, times: Array
     times : ndarray, shape (n,)
         [s].
     """
+    at, ways, _ = _tangents(robot, t, qs, vs, times)
+    return move(robot, qs[at], ways)
+
+
+def along_with_velocities(
+    robot: RobotModel, t: Array, qs: Array, vs: Array, times: Array
+) -> tuple[Array, Array]:
+    """Configurations as of `along`, shape (n, nq), and velocities with which they change, shape (n, nv)."""
+    at, ways, rates = _tangents(robot, t, qs, vs, times)
+    if not _is_plain(robot):
+        turns = (pin.dIntegrate(robot.model, q, way, pin.ARG1) for q, way in zip(qs[at], ways, strict=True))
+        rates = _rows([turn @ rate for turn, rate in zip(turns, rates, strict=True)], robot.nv)
+    return move(robot, qs[at], ways), rates
+
+
+def _tangents(
+    robot: RobotModel, t: Array, qs: Array, vs: Array | None, times: Array
+) -> tuple[IntArray, Array, Array]:
+    """Nodes before times, tangent vectors from there, and how fast these change, shapes (n, nv)."""
     step = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 2)
-    lengths = np.diff(t)[:, None]
-    shares = (times - t[step]) / lengths[step, 0]
-    if vs is None or are_chords(ways := steps_between(robot, qs), t, vs):
-        return between(robot, qs[step], qs[step + 1], shares)
-    rates, s = vs[1:], shares[:, None]
+    lengths, ways = np.diff(t)[:, None], steps_between(robot, qs)
+    h = lengths[step]
+    s = (times - t[step])[:, None] / h
+    if vs is None or are_chords(ways, t, vs):
+        return step, s * ways[step], ways[step] / h
+    rates = vs[1:]
     if not _is_plain(robot):  # the exponential takes rates of tangent vectors to velocities of bodies
         pairs = zip(qs[:-1], qs[1:], vs[1:], strict=True)
         rates = _rows([pin.dDifference(robot.model, a, b, pin.ARG1) @ v for a, b, v in pairs], robot.nv)
     begins, ends = (lengths * vs[:-1] - ways)[step], (lengths * rates - ways)[step]
-    return move(robot, qs[step], s * ways[step] + s * (1.0 - s) * ((1.0 - s) * begins - s * ends))
+    way = s * ways[step] + s * (1.0 - s) * ((1.0 - s) * begins - s * ends)
+    slope = ways[step] + (1.0 - s) * (1.0 - 3.0 * s) * begins - s * (2.0 - 3.0 * s) * ends
+    return step, way, slope / h
 
 
 def are_chords(ways: Array, t: Array, vs: Array) -> bool:

@@ -19,7 +19,7 @@ from mbocp.robot import Robot
 from mbocp.solution.atomic import csv_of, replace_file
 from mbocp.solution.fitting import MOST
 from mbocp.solution.joints_sent import EFFORT_RATE, Excess
-from mbocp.solution.recordings import RECORDINGS, record, ros_duration
+from mbocp.solution.recordings import RECORDINGS, SENT, record, ros_duration
 from mbocp.solution.sampled import JointSamples, sample
 from mbocp.solution.sent import NotCheckedWarning, Sent, motion_as_sent
 from mbocp.solution.solution_data import SolutionData
@@ -91,7 +91,8 @@ def export_motion(
     fit : bool
         Whether the motion is fitted into its limits, see `mbocp.solution.sent`.
     check : bool
-        Whether a motion that leaves limits as it is sent is refused, see `all_excesses`; with a robot alone.
+        Whether a motion that leaves limits as it is sent is refused, see `all_excesses` and `base_excesses`;
+        with a robot alone.
     part : str, optional
         Write the joints of this one of several robots alone, as its own controller calls them. All of them
         are fitted and checked together.
@@ -115,7 +116,7 @@ def export_motion(
     path = Path(path)
     name = format_of(path, kind)
     if name in RECORDINGS:
-        return write_recording(solution, path, name, rate, interpolation, part)
+        return write_recording(solution, path, name, rate, interpolation, part, check=check)
     if load_robot is None or not check:
         sent = prepare(name, solution, rate, interpolation, fit=fit)
     else:
@@ -172,6 +173,8 @@ def write_recording(
     rate: float | None = None,
     interpolation: str | None = None,
     part: str | None = None,
+    *,
+    check: bool = True,
 ) -> Path:
     """Write a motion with the poses of its robot, see `mbocp.solution.recordings`.
 
@@ -181,17 +184,24 @@ def write_recording(
         If the rate cannot be right, an interpolation or a part is asked for, or there is no robot.
     ResultFileError
         If an extra is missing, or the file cannot be written.
+    LimitsExceeded
+        With `check`, if bases and balls for ROS 2 leave limits from point to point.
     """
+    from mbocp.solution.bases_sent import base_excesses
     from mbocp.solution.its_robot import robot_of
 
     for key, value in (("interpolation", interpolation), ("part", part)):
         if value is not None:
             raise InvalidValue(key, value, f"none: {name} has the motion of all as it was solved")
-    motion = record(solution, robot_of(solution), rate)
+    robot = robot_of(solution)
+    motion = record(solution, robot, rate)
     try:
-        return replace_file(path, RECORDINGS[name](motion))
+        written = RECORDINGS[name](motion)
     except InvalidValue as error:
         raise ResultFileError(path, str(error)) from error
+    if check and name == SENT and (excesses := base_excesses(motion, solution, robot)):
+        raise LimitsExceeded(path, excesses, "take more steps")
+    return replace_file(path, written)
 
 
 def prepare(

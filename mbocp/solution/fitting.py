@@ -17,6 +17,7 @@ _TRIES = 64  # of a duration
 _PART = 0.05  # of the time that a jerk takes to the largest acceleration: the shortest mean
 _LEAST_PART = 1e-3  # of the longest mean, that the shortest is
 _WIDTHS = 24  # of means, each about 1.3 times as long as the one before
+_LONG_MEAN = 5e-3  # of the duration: half of a mean is lost at rests, where accelerations leap half as far
 _SAME = 1e-9  # [s]
 
 
@@ -87,10 +88,26 @@ class CurveFit:
         is_limited = any(np.isfinite(joints.bounds.get(k, np.inf)).any() for k in ("acceleration", "jerk"))
         if not is_limited or (keeps and _whole(slower, duration, rate) == 1.0):
             return asked
+        return self._fastest(slower) or asked
+
+    def shorten(self, found: FitResult, slower: float) -> FitResult:
+        """The nearest motion, on a way beside, where that takes less time than a long mean; else the same."""
+        if found.mean <= _LONG_MEAN * float(self.cubics.nodes[-1]):
+            return found
+        nearest = self._fastest(slower, float(found.curves.nodes[-1]))
+        if nearest is None or self.joints.factor(nearest.curves, self.rate) > 1.0:
+            return found
+        return nearest
+
+    def _fastest(self, slower: float, before: float = math.inf) -> FitResult | None:
+        """The nearest motion in the least time, slower by a factor or more, that ends before a time [s]."""
+        joints, duration = self.joints, float(self.cubics.nodes[-1])
+        rate = None if joints.is_joined else self.rate
         nearest = Nearest(self.cubics, joints.bounds, joints.braking, joints.ends)
-        factors = [_whole(factor, duration, rate) for factor in np.linspace(1.0, 1.0 + MOST, _TRIES + 1)]
-        found = nearest.fastest(sorted({factor for factor in factors if factor >= slower}))
-        return asked if found is None else FitResult(found[1], slower=found[0], is_nearest=True)
+        factors = {_whole(factor, duration, rate) for factor in np.linspace(1.0, 1.0 + MOST, _TRIES + 1)}
+        within = [factor for factor in factors if slower <= factor < (before - _SAME) / duration]
+        found = nearest.fastest(sorted(within))
+        return None if found is None else FitResult(found[1], slower=found[0], is_nearest=True)
 
     def _smoother(self) -> FitResult:
         """The moving mean of cubics or a spline that is shortest once it is slow enough.

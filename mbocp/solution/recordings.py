@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, dataclass
+from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import frame_poses
-from mbocp.robot.nodes import between
+from mbocp.robot.nodes import along_with_velocities
 from mbocp.solution.solution_data import SolutionData
 
 _MOST_SAMPLES = 200_000
@@ -27,6 +27,7 @@ _FORCES = ("N", "N m")
 _WORLD = "world"
 _FIELDS = ("position", "velocity", "effort")
 _SAME = 1e-9  # [s]
+SENT = "multidof"  # the one of `RECORDINGS` that a controller follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +38,8 @@ class MotionSamples:
     ----------
     t : ndarray, shape (K,)
         From its start [s].
+    qs, vs : ndarray, shapes (K, nq) and (K, nv)
+        Configurations and velocities.
     joints : mapping of str to (ndarray, ndarray, ndarray)
         Position, velocity and effort of each joint of one velocity, shape (K,) each [rad, m, s, N m, N];
         efforts are zero where there is no motor.
@@ -52,6 +55,8 @@ class MotionSamples:
     """
 
     t: Array
+    qs: Array
+    vs: Array
     joints: Mapping[str, tuple[Array, Array, Array]]
     controls: Mapping[str, Array]
     links: Mapping[str, Array]
@@ -62,7 +67,7 @@ class MotionSamples:
 def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> MotionSamples:
     """Record a motion at its nodes, or at a rate [1/s].
 
-    Between nodes configurations follow the tangent, and velocities are linear.
+    Between nodes configurations are on the cubics of `mbocp.robot.nodes.along`.
 
     Raises
     ------
@@ -91,6 +96,8 @@ def record(solution: SolutionData, robot: Robot, rate: float | None = None) -> M
     poses = dict(zip(frames, frame_poses(model, qs, frames), strict=True))
     return MotionSamples(
         t - t[0],
+        qs,
+        vs,
         joints,
         {f"{c.name} [{c.unit}]": us[:, k] for k, c in enumerate(labels)},
         {model.frames[k].name: poses[k] for k in bodies},
@@ -121,10 +128,7 @@ def _sample(solution: SolutionData, robot: Robot, rate: float | None) -> tuple[A
         raise InvalidValue("rate", rate, f"a positive number [1/s], and {_MOST_SAMPLES} samples at most")
     grid = np.arange(0.0, solution.duration - _SAME, 1.0 / rate)
     t = nodes[0] + np.append(grid, solution.duration)
-    after = np.clip(np.searchsorted(nodes, t, side="right"), 1, len(nodes) - 1)
-    shares = (t - nodes[after - 1]) / np.maximum(nodes[after] - nodes[after - 1], _SAME)
-    vs = solution.vs[after - 1] + shares[:, None] * (solution.vs[after] - solution.vs[after - 1])
-    return t, between(robot, solution.qs[after - 1], solution.qs[after], shares), vs
+    return t, *along_with_velocities(robot, nodes, solution.qs, solution.vs, t)
 
 
 def _mcap(motion: MotionSamples) -> bytes:
@@ -231,12 +235,12 @@ def ros_duration(t: float) -> str:
 
 
 def _multidof(motion: MotionSamples) -> bytes:
-    """Write trajectory_msgs/msg/MultiDOFJointTrajectory as `ros2 topic pub` reads it."""
+    """Write trajectory_msgs/msg/MultiDOFJointTrajectory as `ros2 topic pub` reads it, a point a time [ns]."""
     if not motion.bases:
         expected = "a joint of several velocities: a floating or planar base, or a ball"
-        raise InvalidValue("format", "multidof", expected)
+        raise InvalidValue("format", SENT, expected)
     lines = [f"joint_names: {json.dumps([*motion.bases], ensure_ascii=False)}", "points:"]
-    for n, t in enumerate(motion.t):
+    for n in points_of(motion).tolist():
         transforms, velocities = [], []
         for poses, rates in motion.bases.values():
             place, turn = _pose(poses[n])
@@ -246,11 +250,17 @@ def _multidof(motion: MotionSamples) -> bytes:
         lines += [
             f"- transforms: {json.dumps(transforms)}",
             f"  velocities: {json.dumps(velocities)}",
-            f"  time_from_start: {ros_duration(t)}",
+            f"  time_from_start: {ros_duration(motion.t[n])}",
         ]
     return ("\n".join(lines) + "\n").encode()
 
 
+def points_of(motion: MotionSamples) -> IntArray:
+    """Samples that are points of a message: the last of each time [ns]."""
+    ns = np.round(1e9 * motion.t)
+    return np.flatnonzero(np.append(np.diff(ns) > 0.0, True))
+
+
 RECORDINGS: Mapping[str, Callable[[MotionSamples], bytes]] = MappingProxyType(
-    {"mcap": _mcap, "rerun": _rerun, "multidof": _multidof}
+    {"mcap": _mcap, "rerun": _rerun, SENT: _multidof}
 )

@@ -4,8 +4,9 @@ A motion within its limits at nodes, or all along its cubics, may leave them as 
 swing over, and by accelerations that leap, which no limit of jerk allows. Where it leads from rest to rest
 it is fitted: jerks by a moving mean, see `mbocp.solution.curves`, of its cubics or of the spline through its
 nodes; what is left by more time, which lowers all speeds, accelerations and jerks. Of all means that is taken
-which makes the motion longer by least. The way stays. Where it begins or ends moving it is the nearest motion
-that keeps the limits from its state, see `mbocp.solution.nearest`.
+which makes the motion longer by least. The way stays, unless joints alone have limits and the nearest motion
+that keeps them is shorter than one with a long mean. Where it begins or ends moving it is that from its
+state, see `mbocp.solution.nearest`.
 """
 
 from __future__ import annotations
@@ -157,6 +158,8 @@ def motion_as_sent(
     can_fit = (rate is not None or is_joined) and not cubics.has_impacts
     if fit and can_fit:
         found = fitting.fit(found, slower, mean)
+        if not mean and _has_limits_of_joints_alone(solution):
+            found = fitting.shorten(found, slower)
     curves = found.curves
     excesses = sorted(joints.excesses(curves, rate), key=lambda excess: -excess.ratio)
     units = tuple(joints.unit("position", k) for k in range(len(joints.names)))
@@ -167,6 +170,15 @@ def motion_as_sent(
     rests = tuple(cubics.nodes[cubics.rests].tolist()) if found.mean else ()
     fitted = (found.mean, found.slower, tuple(excesses), found.is_nearest, lag, rests)
     return Sent(solution, joints.names, units, curves, times, *fitted)
+
+
+def _has_limits_of_joints_alone(solution: SolutionData) -> bool:
+    """Whether a way beside that of the solution is as good: nothing is on it, and no force has a limit."""
+    facts = solution.facts
+    of_joints = sum(math.isfinite(side) for one in facts.braking for side in (one.lower, one.upper))
+    has_others = facts.via or facts.phases or facts.elastic or facts.limits_more_of_controls
+    is_bound = has_others or facts.ties != 0 or len(facts.path) != of_joints
+    return not (is_bound or np.isfinite(solution.limits_u).any())
 
 
 def _check_rate(rate: float | None, curves: Curves) -> None:

@@ -48,7 +48,14 @@ def path_excesses(follower: Follower, problem: Problem) -> tuple[tuple[Excess, .
     """
     if not problem.path:
         return (), ()
-    motion, excesses, unseen = _Motion.of(follower, problem), list[Excess](), list[str]()
+    return path_excesses_along(MotionStates.of(follower, problem), problem, follower)
+
+
+def path_excesses_along(
+    motion: MotionStates, problem: Problem, follower: Follower | None = None
+) -> tuple[tuple[Excess, ...], tuple[str, ...]]:
+    """The same along a motion that is known, of all joints unless a follower says which."""
+    excesses, unseen = list[Excess](), list[str]()
     for constraint in problem.path:
         if isinstance(constraint, Clearance):  # floating things are where the solution has them
             excesses += _nearer(constraint, motion)
@@ -62,7 +69,7 @@ def path_excesses(follower: Follower, problem: Problem) -> tuple[tuple[Excess, .
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class MotionStates:
     """A motion as it is sent, at its nodes and between them.
 
     Attributes
@@ -83,7 +90,8 @@ class _Motion:
     nodes: Array
 
     @classmethod
-    def of(cls, follower: Follower, problem: Problem) -> _Motion:
+    def of(cls, follower: Follower, problem: Problem) -> MotionStates:
+        """Parts of the polynomials that are sent."""
         sent = follower.sent
         curves, solution = sent.curves, sent.solution
         at_nodes = np.clip(sent.times_of(solution.t), 0.0, curves.nodes[-1])
@@ -106,13 +114,13 @@ class _Motion:
         return np.asarray(np.logical_and(held[first], held[last]))
 
 
-def _rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) -> BoolArray:
+def _rows_seen(constraint: BoundedTerm, follower: Follower | None, problem: Problem) -> BoolArray:
     """Which rows of a constraint follow from joints that are sent, and controls."""
     sizes = {"acceleration": problem.robot.nv, "progress": 1, "control": problem.robot.nu}
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
     if not set(constraint.structure("quaternion").remembers) <= set(symbols):
         return np.zeros(constraint.rows, dtype=bool)
-    if all(of.all() for of in follower.known):
+    if follower is None or all(of.all() for of in follower.known):
         return np.ones(constraint.rows, dtype=bool)
     function = constraint.function(problem.robot, symbols, *symbols.values())
     unknown = [~of for of in (*follower.known, follower.known[1])]
@@ -120,7 +128,9 @@ def _rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) ->
     return np.asarray(~np.hstack(asked).any(axis=1))
 
 
-def _beyond(constraint: BoundedTerm, motion: _Motion, problem: Problem, rows: BoolArray) -> Iterator[Excess]:
+def _beyond(
+    constraint: BoundedTerm, motion: MotionStates, problem: Problem, rows: BoolArray
+) -> Iterator[Excess]:
     at_nodes = np.logical_and(constraint.nodes(problem.num_steps, problem.dt), rows)
     at_start = np.logical_and(at_nodes[:1], constraint.span.has_start)
     held = motion.within(np.vstack([at_start, at_nodes]))
@@ -139,7 +149,7 @@ def _beyond(constraint: BoundedTerm, motion: _Motion, problem: Problem, rows: Bo
         )
 
 
-def _nearer(clearance: Clearance, motion: _Motion) -> Iterator[Excess]:
+def _nearer(clearance: Clearance, motion: MotionStates) -> Iterator[Excess]:
     found = nearest_approach(clearance, motion.t, motion.qs)
     if found is not None:
         short = found.margin - found.distance

@@ -133,7 +133,7 @@ class StudyResult:
         """
         names, columns = zip(*(column for name in self.columns for column in self._flat(name)), strict=True)
         with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
+            writer = csv.writer(file, lineterminator="\n")
             writer.writerow(names)
             writer.writerows(zip(*columns, strict=True))
         return Path(path)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue
@@ -90,6 +91,22 @@ class FrameGoal:
         if target.is_empty and self.velocity is None and self.angular_velocity is None:
             return None
         return replace(self, target=target, position_tolerance=None, orientation_tolerance=None)
+
+    def move_within(self, rng: np.random.Generator) -> FrameGoal:
+        """The goal somewhere within its tolerances."""
+        target = self.target
+        if self.position_tolerance is not None and target.position is not None:
+            aside = self.position_tolerance * rng.uniform(-1.0, 1.0, 3)
+            target = replace(target, position=target.position + aside)
+        if self.orientation_tolerance is not None:
+            axis = rng.standard_normal(3)
+            turn = pin.exp3(axis * (self.orientation_tolerance * rng.uniform() / np.linalg.norm(axis)))
+            if target.direction is not None:
+                target = replace(target, direction=turn @ target.direction)
+            else:
+                turned = pin.Quaternion(turn @ pin.Quaternion(target.orientation).matrix())
+                target = replace(target, orientation=turned.coeffs())
+        return replace(self, target=target)
 
     @property
     def name(self) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 import mbocp
 from mbocp.problem import Problem
+from mbocp.problem.reasons.causes import causes_of
 
 Q_START = np.array([-1.0, -1.2, 1.0, -1.3, -1.57, 0.0])
 Q_END = np.array([1.2, -1.0, 1.4, -1.9, -1.57, 0.3])
@@ -65,3 +66,15 @@ def test_the_nearest_stays_where_it_touches_nothing(arm):
 def test_a_configuration_that_is_given_is_refused_and_not_changed(arm):
     with pytest.raises(mbocp.MbocpError, match=r"obstacle 'ball': at the goal .* inside it"):
         problem(arm, {"q": Q_END, "v": 0}, [ball_at(arm, Q_END)])
+
+
+def test_a_pose_with_tolerances_is_clear_within_these_where_its_middle_is_not(arm):
+    """A ball about its middle; in a smaller box there is no room beside it."""
+    place, ball = np.array([0.4, 0.2, 0.5]), {"shape": "sphere", "radius": 0.05, "position": [0.4, 0.2, 0.5]}
+    for size, is_clear in ((0.2, True), (0.02, False)):
+        goal = {"frame": {"name": "tool0", "position": place, "position_tolerance": size}}
+        found = problem(arm, goal, [ball])
+        away = np.abs(arm.frame_placement("tool0", found.goal.q).translation - place)
+        assert (found.clearance.least(found.goal.q[None])[0] >= 0.0) == is_clear
+        assert (away <= size + 1e-9).all()
+        assert [cause.kind for cause in causes_of(found)] == ["goal"] * (not is_clear)

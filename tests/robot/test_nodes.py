@@ -14,7 +14,7 @@ import mbocp
 from mbocp._arrays import Array
 from mbocp.lie import ConfigurationSpace
 from mbocp.robot.kinematics import difference
-from mbocp.robot.nodes import along, interpolate, move, steps_between
+from mbocp.robot.nodes import along, along_with_velocities, interpolate, move, steps_between
 
 ROUND_OFF = 4 * np.finfo(float).eps  # compilers fuse products and sums, each in its own way
 
@@ -46,6 +46,8 @@ def test_cubics_of_plain_joints_are_those_of_scipy() -> None:
     times = np.sort(np.append(rng.uniform(t[0], t[-1], 100), t))
     expected = CubicHermiteSpline(t, qs, vs)(times)
     assert along(robot, t, qs, vs, times) == pytest.approx(expected, abs=1e-13)
+    _, rates = along_with_velocities(robot, t, qs, vs, times)
+    assert rates == pytest.approx(CubicHermiteSpline(t, qs, vs)(times, 1), abs=1e-12)
 
 
 def test_cubics_of_a_body_in_space_are_of_order_four() -> None:
@@ -68,6 +70,12 @@ def test_cubics_of_a_body_in_space_are_of_order_four() -> None:
         apart_by = [pin.difference(model, *two) for two in zip(exact, middles, strict=True)]
         errors.append(np.abs(apart_by).max())
     assert np.log2(np.divide(errors[:-1], errors[1:])).min() > 3.5
+    times, later = np.linspace(0.0, 0.99, 50), 1e-6
+    begins, ends = (along(robot, t, qs, vs, times + at) for at in (-later, later))
+    rates = along_with_velocities(robot, t, qs, vs, times)[1]
+    moved = [pin.difference(model, *two) for two in zip(begins, ends, strict=True)]
+    assert rates == pytest.approx(np.array(moved) / (2.0 * later), abs=1e-8)
+    assert along_with_velocities(robot, t, qs, vs, t)[1] == pytest.approx(vs, abs=1e-12)
     chords = np.vstack([vs[:1], steps_between(robot, qs) * steps])
     halves = [pin.interpolate(model, a, b, 0.5) for a, b in pairwise(qs)]
     assert along(robot, t, qs, chords, (t[:-1] + t[1:]) / 2.0) == pytest.approx(np.array(halves), abs=1e-15)

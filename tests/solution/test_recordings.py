@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from mbocp.exceptions import InvalidValue, ResultFileError
+from mbocp.exceptions import InvalidValue, LimitsExceeded, ResultFileError
 from mbocp.robot import Robot, load_robot
 from mbocp.solution import Labels, Solution
 from mbocp.solution.recordings import record
@@ -121,6 +121,26 @@ def test_ros2_has_the_base_as_one_joint_of_many(walker: Robot, tmp_path) -> None
     arm = load_robot("double_pendulum")
     with pytest.raises(ResultFileError, match="expected a joint of several velocities"):
         a_motion(arm).export(tmp_path / "arm.yaml", kind="multidof")
+
+
+@pytest.mark.parametrize("has_speeds", [True, False])
+def test_a_base_that_leaves_limits_from_point_to_point_is_not_written(
+    walker: Robot, tmp_path, has_speeds: bool
+) -> None:
+    """At 0.4 m/s along x; without speeds at the nodes the poses tell."""
+    solution = a_motion(walker)
+    limits = np.tile(np.inf, (2, walker.nv)) * np.array([[-1.0], [1.0]])
+    limits[:, 0] = -0.3, 0.3
+    bounded = replace(solution, limits_v=limits, vs=solution.vs if has_speeds else 0.0 * solution.vs)
+    path = tmp_path / "base.yaml"
+    with pytest.raises(LimitsExceeded) as refused:
+        bounded.export(path, kind="multidof", rate=200.0)
+    (excess,) = refused.value.excesses
+    assert (excess.kind, excess.bound) == ("speed", 0.3)
+    assert excess.value == pytest.approx(0.4 if has_speeds else 0.6, rel=1e-9)  # a cubic from rest to rest
+    assert not path.exists()
+    bounded.export(path, kind="multidof", rate=200.0, check=False)
+    assert path.exists()
 
 
 def test_mcap(walker: Robot, tmp_path) -> None:

@@ -139,7 +139,9 @@ def test_groups_by_several_names_are_in_their_order(result: StudyResult) -> None
 
 
 def test_csv(result: StudyResult, tmp_path: Path) -> None:
-    with result.to_csv(tmp_path / "rows.csv").open(newline="") as file:
+    written = result.to_csv(tmp_path / "rows.csv")
+    assert b"\r" not in written.read_bytes()
+    with written.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(r["index"]) for r in rows] == [0, 1, 2, 3, 4, 5, 7]
     assert [r["q_final[1]"] for r in rows] == ["0.0", "1.0", "2.0", "3.0", "4.0", "", "7.0"]

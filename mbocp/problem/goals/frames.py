@@ -165,6 +165,16 @@ def goal_branches(
     return found if found is not None else found_now
 
 
+def goal_near(robot: Robot, goal: Goal, q: Array, limits: Bounds) -> Array | None:
+    """The configuration at the poses of a goal's frames to which one leads, within limits; None: to none."""
+    targets, start, fixed = _search_for(robot, goal, q)
+    within = _limit_choices(limits)[0]
+    found = robot.inverse_kinematics(
+        targets, start, fixed=fixed, branches=1, restarts=0, within_limits=within
+    )
+    return found.q if found.reached else None
+
+
 def _many(robot: Robot) -> int:
     """Restarts before a pose counts as out of reach."""
     return _MANY_WITH_LOOPS if robot.nc else _MANY_RESTARTS

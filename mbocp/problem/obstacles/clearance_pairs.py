@@ -1,10 +1,9 @@
-"""Which spheres may meet which obstacles, and each other; goals near obstacles."""
+"""Which spheres may meet which obstacles, and each other."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import coal
@@ -15,8 +14,6 @@ from mbocp._arrays import Array
 from mbocp._text import find_repeated, warn_caller
 from mbocp.exceptions import ProblemError
 from mbocp.problem._checks import ProblemWarning, check_frame
-from mbocp.problem.goals.frames import goal_branches
-from mbocp.problem.goals.goal import Goal
 from mbocp.problem.limits import Bounds
 from mbocp.problem.obstacles.clearance import Clearance, SelfCollision
 from mbocp.robot import Robot
@@ -32,7 +29,6 @@ _FIXED = "that nothing moves out of its way"
 _Sphere = tuple[int, int]  # link, and number of the sphere on it
 _Ball = tuple[Array, float]  # centre [m] and radius [m]
 _ASTRAY = 20.0  # times the reach: no room is as large
-_BRANCHES, _RESTARTS = 24, 96  # of the search; a redundant arm has as many branches as one looks for
 
 
 def clearance_of(
@@ -250,21 +246,3 @@ def _find_self_pairs(
     )
     own, poses = (robot.model, robot.collision_spheres, robot.q0), [np.array(q) for q in given]
     return self_pairs(*own, (lower, upper), robot.collision_model, disabled, poses)
-
-
-def clear_configuration(
-    robot: Robot, goal: Goal, q_start: Array, limits: Bounds, clearance: Clearance
-) -> Goal:
-    """The goal, with another `q` where frames alone say where it is and its own keeps a margin not.
-
-    It is the nearest to the start of the configurations that keep all margins. Where none is found the goal
-    is as it was, and so is that of a robot with closed loops, whose other configurations it may not get to.
-    """
-    is_free = bool(goal.poses) and goal.enforce != "none" and not goal.q_active.all()
-    if robot.nc or not is_free or clearance.least(goal.q[None])[0] >= 0.0:
-        return goal
-    found = goal_branches(robot, goal, q_start, limits, _BRANCHES, _RESTARTS)
-    if not found.reached:
-        return goal
-    room = clearance.least(found.branches)
-    return replace(goal, q=found.branches[int((room >= 0.0).argmax())]) if (room >= 0.0).any() else goal

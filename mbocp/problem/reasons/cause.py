@@ -13,7 +13,7 @@ class Cause:
     ----------
     kind : str
         "speed", "acceleration", "jerk", "torque", "weight", "frame_speed", "fall", "momentum", "steps" or
-        "damping"; "reach", "via" or "contradiction" of path constraints and obstacles.
+        "damping"; "reach", "via", "goal" or "contradiction" of path constraints and obstacles.
     where : str
         Joint, control, path constraint, frame or via point.
     words : str

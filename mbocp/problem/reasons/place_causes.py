@@ -1,4 +1,4 @@
-"""Places that a problem asks for and forbids at once, or that no motion reaches; each is a proof."""
+"""Places that a problem asks for and forbids at once, or that no motion reaches."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
+from mbocp.problem.obstacles.clear_goal import clearest
 from mbocp.problem.path import PathConstraint
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
@@ -23,7 +24,7 @@ _AXES = "xyz"
 
 
 def place_causes(problem: Problem) -> Iterator[Cause]:
-    """Path constraints that exclude each other, a via point or all poses, and obstacles at via points."""
+    """Path constraints that exclude each other, a via point or all poses; what is in the way at places."""
     yield from _contradictions(problem)
     for path in problem.frame_constraints:
         if path.kind == "position" and path.other is None:
@@ -31,6 +32,7 @@ def place_causes(problem: Problem) -> Iterator[Cause]:
     if not problem.timeline.has_free_times:
         for point in problem.timeline.waypoints:
             yield from _at_via_point(problem, point)
+    yield from _at_goal(problem)
 
 
 def _contradictions(problem: Problem) -> Iterator[Cause]:
@@ -109,6 +111,24 @@ def _at_via_point(problem: Problem, point: ViaConstraint) -> Iterator[Cause]:
         if (values < clearance.lower - _SLACK).any():
             words = clearance.refusal(values, where)
             yield Cause("via", point.name, words, True, 1.0)
+
+
+def _at_goal(problem: Problem) -> Iterator[Cause]:
+    """Obstacles in the way at all configurations that are found at a goal of frames; there may be others."""
+    clearance, goal, robot = problem.clearance, problem.goal, problem.robot
+    if clearance is None or clearance.movers or not clearance.rows or clearance.least(goal.q[None])[0] >= 0.0:
+        return
+    q, room, count = clearest(robot, goal, problem.q_start, problem.limits_of_ends[1], clearance)
+    if not room < -_SLACK:
+        return
+    frame = goal.poses[0].name
+    place = ", ".join(f"{x:.4g}" for x in robot.frame_placement(frame, q).translation)
+    joints = ", ".join(f"{c.name} {x:.4g} {c.unit}".rstrip() for c, x in zip(robot.q_labels, q, strict=True))
+    words = (
+        f"{clearance.refusal(clearance.values(robot, q, np.zeros(robot.nv)), 'goal')}; of {count} "
+        f"configurations that bring {frame} there this is in it least: {joints}, {frame} at ({place}) m"
+    )
+    yield Cause("goal", frame, words, False, 1.0 - room)
 
 
 def fall_causes(problem: Problem) -> Iterator[Cause]:
