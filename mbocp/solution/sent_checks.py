@@ -53,7 +53,7 @@ def path_excesses(follower: Follower, problem: Problem) -> tuple[tuple[Excess, .
         if isinstance(constraint, Clearance):  # floating things are where the solution has them
             excesses += _nearer(constraint, motion)
             continue
-        rows = _rows_seen(constraint, follower, problem)
+        rows = _find_rows_seen(constraint, follower, problem)
         if rows.any():
             excesses += _beyond(constraint, motion, problem, rows)
         if not rows.all():
@@ -106,7 +106,7 @@ class _Motion:
         return np.asarray(np.logical_and(held[first], held[last]))
 
 
-def _rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) -> BoolArray:
+def _find_rows_seen(constraint: BoundedTerm, follower: Follower, problem: Problem) -> BoolArray:
     """Which rows of a constraint follow from joints that are sent, and controls."""
     sizes = {"acceleration": problem.robot.nv, "progress": 1, "control": problem.robot.nu}
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}

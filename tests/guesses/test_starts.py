@@ -18,7 +18,7 @@ from mbocp.exceptions import ProblemFileError
 from mbocp.formulation import formulate
 from mbocp.guesses import several
 from mbocp.guesses.starts import guesses_in_turn, start_guesses
-from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turned_ways
+from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turn_ways
 from mbocp.job import Job
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.programme import library
@@ -195,7 +195,7 @@ def drone() -> mbocp.Problem:
 
 def test_a_free_flyer_turns_the_other_way_around_to_the_same_place():
     problem = drone()
-    ((words, way),) = turned_ways(formulate(problem))
+    ((words, way),) = turn_ways(formulate(problem))
     assert words == "line, root_joint the other way around"
     shares = np.linspace(0.0, 1.0, 50)
     qs = way(problem.q_start, shares)
@@ -225,7 +225,7 @@ def test_random_ways_keep_loops_closed_and_lead_to_the_goal():
         assert np.abs(qs - direct).max() > 1e-2
         known = random_way(problem, np.random.default_rng(seed), middle=middle_of_line(problem))
         assert np.array_equal(known(problem.q_start, shares), qs)
-    assert not list(turned_ways(formulate(problem)))
+    assert not list(turn_ways(formulate(problem)))
 
 
 def test_random_ways_stay_within_limits():
@@ -248,7 +248,7 @@ def test_starts_in_natural_coordinates():
         solver={"starts": 4},
         scheme="se1",
     )
-    assert {words for words, _ in turned_ways(formulate(problem))} == {
+    assert {words for words, _ in turn_ways(formulate(problem))} == {
         "line, joint1 the other way around",
         "line, joint2 the other way around",
     }
@@ -295,7 +295,7 @@ def test_a_frame_is_approached_in_other_configurations_of_the_arm(tmp_path):
         scheme="se1",
     )
     formulation = formulate(problem)
-    ways = [*branch_ways(problem), *turned_ways(formulation)]
+    ways = [*branch_ways(problem), *turn_ways(formulation)]
     assert [words for words, _ in ways] == [
         "line to configuration 2 of 2 at the goal",
         "line, joint2 the other way around",

@@ -16,7 +16,7 @@ from mbocp._text import find_repeated
 from mbocp.exceptions import MbocpError, RobotError, RobotFileError
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
-from mbocp.robot.loading.addresses import resolve, root_of_stored
+from mbocp.robot.loading.addresses import find_root_of_stored, resolve
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, ReadOptions
 from mbocp.robot.loading.elements import trace_frames
@@ -120,7 +120,7 @@ def model_file(path: Path, table: RobotTable, folders: Sequence[Path]) -> tuple[
         If it is the name of a robot that example-robot-data builds by code, or that is no URDF.
     """
     folders = (*folders, *(path.parent / folder for folder in table.package_dirs))
-    if table.urdf in example_robots.names() and root_of_stored(path.parent) is None:
+    if table.urdf in example_robots.names() and find_root_of_stored(path.parent) is None:
         facts = example_robots.example_facts(table.urdf)
         return facts.path, (*folders, *facts.packages)
     try:
