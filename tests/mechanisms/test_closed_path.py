@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mbocp
-from mbocp.mechanisms import find_closed_path as module
+from mbocp.mechanisms import closed_path as module
 from mbocp.mechanisms.closed_path import find_closed_path
 
 PROBLEM = mbocp.load_problem("examples/loops/four_bar.toml")
