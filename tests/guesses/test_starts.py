@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from itertools import pairwise
@@ -41,8 +43,9 @@ def pendulum(**solver: object) -> mbocp.Problem:
     )
 
 
-def from_starts(problem: mbocp.Problem, **options: object) -> tuple:
-    return several.solve_from_starts(Job.of(problem), [(None, formulate(problem))], [], **options)[1:]
+def from_starts(problem: mbocp.Problem, callback: Callable | None = None, **options: object) -> tuple:
+    job = Job.of(problem, callback=callback)
+    return several.solve_from_starts(job, [(None, formulate(problem))], [], **options)[1:]
 
 
 def test_the_best_of_all_starts_is_the_solution():
@@ -62,10 +65,14 @@ def test_the_best_of_all_starts_is_the_solution():
 
 def test_nobody_can_tell_how_many_processes_there_were(monkeypatch):
     problem = pendulum()
-    alone, words, records = from_starts(problem, workers=1)
+    shown, shown_shared = [], []
+    alone, words, records = from_starts(problem, shown.append, workers=1)
     monkeypatch.setattr(several, "_PATIENCE", 0.0)
-    shared, words_shared, records_shared = from_starts(problem, workers=3)
+    shared, words_shared, records_shared = from_starts(problem, shown_shared.append, workers=3)
     assert (words, records) == (words_shared, records_shared)
+    assert sorted((r.phase, r.iteration, r.cost) for r in shown) == sorted(
+        (r.phase, r.iteration, r.cost) for r in shown_shared
+    )
     for name in ("xs", "us", "ms", "eta"):
         assert np.array_equal(getattr(alone.result.iterate, name), getattr(shared.result.iterate, name))
 
@@ -172,6 +179,32 @@ def test_ctrl_c_in_a_later_start_returns_the_best_so_far(monkeypatch):
     assert solution.status is Status.INTERRUPTED
     assert [start.status for start in solution.starts[:2]] == [Status.CONVERGED] * 2
     assert len(solution.starts) == 3
+
+
+def test_ctrl_c_ends_processes_in_their_midst(monkeypatch):
+    monkeypatch.setattr(several, "_PATIENCE", 0.0)
+    monkeypatch.setattr(several, "available_threads", lambda: 3)
+    ended: list[Elsewhere] = []
+    run = Elsewhere.run
+
+    def run_and_note(process: Elsewhere, task: object) -> object:
+        in_process.set()
+        try:
+            return run(process, task)
+        finally:
+            ended.append(process)
+
+    def callback(record: mbocp.solution.IterationRecord) -> None:
+        assert in_process.wait(60.0)
+        raise KeyboardInterrupt
+
+    in_process = threading.Event()
+    monkeypatch.setattr(Elsewhere, "run", run_and_note)
+    solution = mbocp.solve(pendulum(), callback=callback)
+    assert solution.status is Status.INTERRUPTED
+    assert len(solution.starts) < 5
+    assert ended
+    assert all(process.is_over for process in ended)
 
 
 def test_where_no_start_converges_the_other_kinds_follow():
