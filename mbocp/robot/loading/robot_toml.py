@@ -318,10 +318,11 @@ def _find_allowed_keys(loc: tuple[int | str, ...]) -> list[str]:
     if len(loc) == 1:
         return [field.alias or name for name, field in RobotTable.model_fields.items()]
     candidates = TABLES[str(loc[0])]
-    tagged = [c for c in candidates if any(step in _tags(c) for step in loc[1:])]
+    tagged = [c for c in candidates if any(step in types_of(c) for step in loc[1:])]
     return [name for table in (tagged or candidates)[:1] for name in table.model_fields]
 
 
-def _tags(table: type[BaseModel]) -> tuple[str, ...]:
+def types_of(table: type[BaseModel]) -> tuple[str, ...]:
+    """Words for the type of such a table; none where there is one type."""
     field = table.model_fields.get("type")
     return tuple(getattr(field.annotation, "__args__", ())) if field is not None else ()
