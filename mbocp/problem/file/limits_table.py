@@ -11,8 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.messages import locate
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, locate, suggest
 from mbocp.problem.file.named_values import coordinate_slots, find_named_places, tangent_slots
 from mbocp.problem.file.profile import Profile
 from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes, is_list_of_limits

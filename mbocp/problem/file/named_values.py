@@ -17,9 +17,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._measured import plain_numbers
 from mbocp._text import warn_caller
-from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
+from mbocp.exceptions import DimensionMismatch, ProblemError, locate, suggest
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.file.messages import locate
 from mbocp.problem.goals.end_control import EndControl
 from mbocp.robot import Robot
 from mbocp.robot.joints import JointPlace

@@ -14,9 +14,8 @@ from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp._measured import plain_number
 from mbocp._text import find_repeated, show
-from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError, locate
 from mbocp.problem._checks import check_choice, check_non_negative, check_positive, choice, positive
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import control_from, weights_from
 from mbocp.problem.found_parameter import FEEDBACKS, Parameter, ParameterCost, Robust
 from mbocp.robot import Robot

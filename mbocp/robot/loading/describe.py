@@ -13,7 +13,7 @@ from typing import Any
 import pinocchio as pin
 
 from mbocp._text import find_repeated
-from mbocp.exceptions import MbocpError, RobotError, RobotFileError
+from mbocp.exceptions import RobotError, RobotFileError, locate
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
 from mbocp.robot.loading.addresses import find_root_of_stored, resolve
@@ -239,7 +239,7 @@ def read_parts(
 def _part(
     table: PartTable, base: Path | None, folders: Sequence[Path], within: tuple[Path, ...]
 ) -> RobotPart:
-    try:
+    with locate(f"part {table.name!r}"):
         if table.robot is None:
             found = describe_object(table.name, table.shape, free_flyer=table.free_flyer is not False)
             spec = table.portable(base)
@@ -249,9 +249,6 @@ def _part(
             spec = {**table.portable(base), "robot": source.address, **inertias_of(found)}
         joints.check_joints(found.model, found.name)
         described, placed = _with_options(found, table), _place(table, found)
-    except MbocpError as error:
-        error.args = (f"part {table.name!r}: {error}",)
-        raise
     names_payloads = found.carried or table.payload is not None
     return RobotPart(
         described, placed, table.placement, {**spec, **({"payload": []} if names_payloads else {})}
