@@ -120,15 +120,8 @@ def find_holding_controls(robot: Robot, q: Array, acceleration: Array | None = N
         The smallest ones [N, N m].
     """
     still = np.zeros(robot.nv)
-    wanted = np.array(
-        pin.rnea(
-            robot.model,
-            make_working_data(robot.model),
-            q,
-            still,
-            still if acceleration is None else acceleration,
-        )
-    )
+    a = still if acceleration is None else acceleration
+    wanted = np.array(pin.rnea(robot.model, make_working_data(robot.model), q, still, a))
     wanted = wanted - robot.force_elements(q, still)
     forces = forces_at(robot, q)
     found = np.linalg.lstsq(forces, wanted, rcond=None)[0]
