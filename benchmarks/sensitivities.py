@@ -25,7 +25,7 @@ import numpy as np
 import mbocp
 from mbocp.autodiff.solution_map import SolutionMap
 from mbocp.exceptions import MbocpError, NotConverged, ProblemFileError
-from mbocp.robot.named_numbers import OF_ROBOT, named_numbers
+from mbocp.robot.named_numbers import OF_ROBOT, list_named_numbers
 from mbocp.sensitivity.optimum import formulate_again
 from mbocp.sensitivity.parameters import PARAMETERS
 
@@ -92,7 +92,7 @@ def possible(rng: np.random.Generator) -> tuple[str, mbocp.Problem]:
 def random_word(solution: mbocp.Solution, rng: np.random.Generator) -> str:
     """A parameter of the problem: each kind of them as often as others, and numbers of robots by words."""
     formulation, _ = formulate_again(solution)
-    numbers = [OF_ROBOT + word for word in named_numbers(solution.problem.robot)]
+    numbers = [OF_ROBOT + word for word in list_named_numbers(solution.problem.robot)]
     kinds = [words for words in (*(list(kind.words(formulation)) for kind in PARAMETERS), numbers) if words]
     return str(rng.choice(kinds[rng.integers(len(kinds))]))
 

@@ -220,7 +220,7 @@ def independent_rows(matrix: Array, tolerance: float) -> Array:
     return np.eye(count) if rank == count else np.ascontiguousarray(left[:, :rank].T)
 
 
-def spanning_rows(matrix: Array, tolerance: float) -> list[int]:
+def select_spanning_rows(matrix: Array, tolerance: float) -> list[int]:
     """Return which rows span all of them, each the one farthest from what those before it span.
 
     Of rows that are as long but for a hundredth the first is taken: round-off decides nothing.
@@ -265,7 +265,7 @@ def align(basis: Array) -> Array:
     """
     if not basis.size:
         return basis
-    entries = spanning_rows(basis, 0.0)
+    entries = select_spanning_rows(basis, 0.0)
     found: Array = basis @ np.linalg.qr(basis[entries].T)[0]
     return found * np.sign(np.diag(found[entries]))
 

@@ -227,7 +227,7 @@ def vector(value: Any, where: str = "") -> list[float]:
     return [finite_number(entry, f" at index {i}{where}") for i, entry in enumerate(value)]
 
 
-def named_numbers(value: Mapping[str, Any]) -> dict[str, float | list[float]]:
+def check_named_numbers(value: Mapping[str, Any]) -> dict[str, float | list[float]]:
     """Finite numbers, or lists of them, by name."""
     return {
         name: vector(entry, f" for {show(name)}")

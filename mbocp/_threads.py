@@ -17,18 +17,24 @@ class Watch:
     """
 
     def __init__(self, callback: Callback | None, *, is_live: bool) -> None:
-        self.is_ended = False
-        self._callback, self._is_live = callback, is_live
+        self.is_live, self.is_ended = is_live, False
+        self.at_end: Callable[[], object] = lambda: None
+        self._callback = callback
         self._later: list[object] = []
 
     def __call__(self, record: object) -> None:
         """Raise what Ctrl-C raises, where the piece is to end."""
         if self.is_ended:
             raise KeyboardInterrupt
-        if self._callback is not None and self._is_live:
+        if self._callback is not None and self.is_live:
             self._callback(record)
         elif self._callback is not None:
             self._later.append(record)
+
+    def end(self) -> None:
+        """End the piece of work, and what `at_end` ends for it at once."""
+        self.is_ended = True
+        self.at_end()
 
     def show(self) -> None:
         """Hand on what has been kept for later."""
@@ -84,17 +90,18 @@ class SideBySide(Generic[T]):
         self._errors: dict[int, BaseException] = {}
         self._interrupt: KeyboardInterrupt | None = None
         self._is_given_up = False
-        self._lock = threading.Lock()
+        self._lock, self._all_taken = threading.Lock(), threading.Event()
 
-    def run(self, threads: int) -> dict[int, T]:
-        """The results, by so many threads in all, the calling one among them.
+    def run(self, threads: int, patience: float = 0.0) -> dict[int, T]:
+        """The results, by so many threads in all, the calling one among them; others begin after a while [s].
 
         Raises
         ------
         BaseException
             What the earliest piece raises, or Ctrl-C. All threads have ended then.
         """
-        helpers = [threading.Thread(target=self._take) for _ in range(min(threads, self._last + 1) - 1)]
+        count = min(threads, self._last + 1) - 1
+        helpers = [threading.Thread(target=self._help, args=(patience,)) for _ in range(count)]
         begun: list[threading.Thread] = []
         first = self._hand_out(is_live=True)
         try:
@@ -120,6 +127,10 @@ class SideBySide(Generic[T]):
                 self._watches[number].show()
         return self.results
 
+    def _help(self, patience: float) -> None:
+        if not self._all_taken.wait(patience):
+            self._take()
+
     def _take(self, *, is_live: bool = False) -> None:
         while (piece := self._hand_out(is_live=is_live)) is not None:
             self._do(*piece)
@@ -127,6 +138,7 @@ class SideBySide(Generic[T]):
     def _hand_out(self, *, is_live: bool) -> tuple[int, Watch] | None:
         with self._lock:
             if self._next > self._last:
+                self._all_taken.set()
                 return None
             number, self._next = self._next, self._next + 1
             self._watches[number] = Watch(self._callback, is_live=is_live)
@@ -156,11 +168,13 @@ class SideBySide(Generic[T]):
         with self._lock:
             self._last = min(self._last, number)
             for other, watch in self._watches.items():
-                watch.is_ended |= other > self._last
+                if other > self._last:
+                    watch.end()
 
     def _end_all(self) -> None:
         """Begin no further piece, and end those under way."""
         with self._lock:
             self._next = max(self._next, self._last + 1)
+            self._all_taken.set()
             for watch in self._watches.values():
-                watch.is_ended = True
+                watch.end()

@@ -64,7 +64,7 @@ class ClearOfObstacles:
             if not before:
                 raise
             found = _out_of_time(before.pop(), end)
-        solution = _with_room_told(_count(before, job.read(found)), near.problem)
+        solution = _tell_room(_count(before, job.read(found)), near.problem)
         return _ClearanceRounds(job, near.problem, found, solution).run()
 
     def _solve(self, job: Job, near: Job, before: list[Attempt]) -> tuple[Job, Attempt]:
@@ -316,7 +316,7 @@ class _ClearanceRounds:
             return False
         self.near, self.found = larger, tried
         again = after(self.solution, again, "fewer rows" if has_more_rows else "smaller margins")
-        self.solution, self.in_vain = _with_room_told(again, larger), self.in_vain + 1
+        self.solution, self.in_vain = _tell_room(again, larger), self.in_vain + 1
         if has_more_rows or depth_of(self.solution) < depth_of(self.best):
             self.best, self.in_vain = self.solution, 0
         return True
@@ -341,7 +341,7 @@ def after(before: Solution, again: Solution, name: str) -> Solution:
     )
 
 
-def _with_room_told(solution: Solution, problem: Problem) -> Solution:
+def _tell_room(solution: Solution, problem: Problem) -> Solution:
     """The solution; its advice says how much room there is beyond the margins."""
     raised = 1e3 * largest_reserve(problem)
     if not raised:

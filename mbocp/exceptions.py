@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +68,23 @@ def _restore(kind: type[MbocpError], words: tuple[Any, ...]) -> MbocpError:
     error = kind.__new__(kind)
     error.args = words
     return error
+
+
+@contextmanager
+def reword_errors(change: Callable[[str], str], *kinds: type[MbocpError]) -> Iterator[None]:
+    """Change the message of every error from the block, of some kinds or of all."""
+    try:
+        yield
+    except MbocpError as error:
+        if isinstance(error, kinds or MbocpError):
+            error.args = (change(str(error)),)
+        raise
+
+
+def locate(key: str, *kinds: type[MbocpError]) -> AbstractContextManager[None]:
+    """Put the `key` in front of the message of every error from the block, unless it is there."""
+    is_there = rf"{re.escape(key)}[:.\[]"
+    return reword_errors(lambda words: words if re.match(is_there, words) else f"{key}: {words}", *kinds)
 
 
 class Unreadable(MbocpError):

@@ -288,7 +288,7 @@ def _with_reserves(problem: Problem, asked: Problem, solution: Solution) -> Prob
             continue
         curve = Curves(solution.t, solution.qs[:, [joint.idx_q]], solution.vs[:, [joint.idx_v]])
         q, v, *_ = curve.places(_PARTS)[1]
-        missing = Braking.missing_reserve(given, q[:, 0], v[:, 0])
+        missing = Braking.find_missing_reserve(given, q[:, 0], v[:, 0])
         if missing > _SPARE:
             is_enough = False
             reserve = own.number("reserve") + _MORE * missing

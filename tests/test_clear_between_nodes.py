@@ -126,14 +126,14 @@ def test_rows_that_are_missing_are_added(around_a_post, monkeypatch):
     problem, asked = around_a_post(30), []
 
     def missing(*arguments):
-        asked.append(missing_pairs(*arguments))
+        asked.append(find_missing_pairs(*arguments))
         return asked[-1]
 
     expected = mbocp.solve(problem)
     monkeypatch.setattr("mbocp.guesses.around.MANY", 1)
     monkeypatch.setattr("mbocp.guesses.around.near_pairs", lambda clearance, ts, qs: ())
     monkeypatch.setattr("mbocp.guesses.around.with_first_reserve", lambda problem, ts, qs: problem)
-    monkeypatch.setattr("mbocp.problem.obstacles.reserves.missing_pairs", missing)
+    monkeypatch.setattr("mbocp.problem.obstacles.reserves.find_missing_pairs", missing)
     solution = mbocp.solve(problem)
     assert solution.converged
     assert any(asked)

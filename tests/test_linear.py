@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbocp._arrays import align, largest_entry, norm, spanning_rows
+from mbocp._arrays import align, largest_entry, norm, select_spanning_rows
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-200, 1e-100, 1.0, 1e150, 1e200, 1e300])
@@ -24,8 +24,8 @@ def test_the_norm_of_what_is_not_finite_is_not() -> None:
 
 def test_of_rows_that_are_nearly_as_long_as_each_other_the_first_is_chosen() -> None:
     rows = np.array([[0.995, 0.0], [1.0, 0.0], [0.0, 0.5]])
-    assert spanning_rows(rows, 1e-9) == [0, 2]
-    assert spanning_rows(rows[[1, 0, 2]] * [[1.0], [0.98], [1.0]], 1e-9) == [0, 2]
+    assert select_spanning_rows(rows, 1e-9) == [0, 2]
+    assert select_spanning_rows(rows[[1, 0, 2]] * [[1.0], [0.98], [1.0]], 1e-9) == [0, 2]
 
 
 def test_of_entries_that_are_nearly_as_large_as_each_other_the_first_is_chosen() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from benchmarks.loops import simulate
-from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
+from mbocp.mechanisms.closed_path import find_closed_path, find_driving_joints, path_towards
 from mbocp.problem import Problem
 from mbocp.robot.loops.projection import follow
 from mbocp.solution import Solution
@@ -122,7 +122,7 @@ def test_a_long_way_to_the_next_configuration_leads_where_small_steps_lead(name:
     """In one step, in a hundred, and by continuation: the same joints, in the same assembly mode."""
     robot = example(name, 20).robot
     q_start = example(name, 20).q_start
-    driving = driving_joints(robot, q_start)
+    driving = find_driving_joints(robot, q_start)
     aside = np.random.default_rng(seed).uniform(-0.8, 0.8, robot.nv)
     target = robot.integrate(q_start, np.where(driving, aside, 0.0))
     ends = [path_towards(robot, q_start, target, driving, np.linspace(0.0, 1.0, n + 1)[1:]) for n in (1, 100)]
@@ -138,7 +138,7 @@ def test_a_long_way_to_the_next_configuration_leads_where_small_steps_lead(name:
 def test_the_guess_turns_the_crank_with_the_loop_closed() -> None:
     problem = example("four_bar", 100)
     robot, shares = problem.robot, np.linspace(0.0, 1.0, 41)
-    way = closed_path(robot, problem.q_start, problem.goal.q, shares)
+    way = find_closed_path(robot, problem.q_start, problem.goal.q, shares)
     assert way is not None
     crank = way[:, robot.configuration_indices("crank")].ravel()
     np.testing.assert_allclose(crank, 1.0 + 2.0 * np.pi * shares, atol=1e-9)

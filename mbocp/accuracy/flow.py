@@ -190,7 +190,7 @@ def _functions(robot: Robot, acting: ActiveRows | None) -> dict[str, ca.Function
         ),
     }
     if mechanics.num_tied:
-        consistent = [ca.densify(mechanics.projected_velocity(q, v))]
+        consistent = [ca.densify(mechanics.project_velocity(q, v))]
         functions["consistent"] = ca.Function("consistent", [q, v, *numbers], consistent)
     return functions
 

@@ -34,19 +34,19 @@ class Box:
         with np.errstate(invalid="ignore"):
             centre = np.where(np.isfinite(lo) & np.isfinite(hi), (lo + hi) / 2.0, 0.0)
             radius = np.maximum(hi - centre, centre - lo)
-        return cls(centre, np.where(lo == hi, 0.0, radius + _rounding(np.abs(lo) + np.abs(hi))))
+        return cls(centre, np.where(lo == hi, 0.0, radius + _bound_rounding(np.abs(lo) + np.abs(hi))))
 
     @property
     def lower(self) -> Array:
         """Least entries."""
         found: Array = self.centre - self.radius
-        return found - _rounding(np.abs(found))
+        return found - _bound_rounding(np.abs(found))
 
     @property
     def upper(self) -> Array:
         """Greatest entries."""
         found: Array = self.centre + self.radius
-        return found + _rounding(np.abs(found))
+        return found + _bound_rounding(np.abs(found))
 
     @property
     def size(self) -> Array:
@@ -74,7 +74,7 @@ class Box:
         other = _box(other)
         centre = self.centre + other.centre
         return Box(
-            centre, self.radius + other.radius + _rounding(np.abs(centre) + self.radius + other.radius)
+            centre, self.radius + other.radius + _bound_rounding(np.abs(centre) + self.radius + other.radius)
         )
 
     def __sub__(self, other: Box | Array) -> Box:
@@ -85,7 +85,7 @@ class Box:
         most = self.size * other.size
         return Box(
             self.centre * other.centre,
-            np.abs(self.centre) * other.radius + self.radius * other.size + _rounding(most),
+            np.abs(self.centre) * other.radius + self.radius * other.size + _bound_rounding(most),
         )
 
     def __matmul__(self, other: Box | Array) -> Box:
@@ -93,7 +93,7 @@ class Box:
         most = self.size @ other.size
         return Box(
             self.centre @ other.centre,
-            np.abs(self.centre) @ other.radius + self.radius @ other.size + _rounding(most),
+            np.abs(self.centre) @ other.radius + self.radius @ other.size + _bound_rounding(most),
         )
 
     def __rmatmul__(self, other: Array) -> Box:
@@ -127,5 +127,5 @@ def _box(value: Box | Array) -> Box:
     return value if isinstance(value, Box) else Box(value, np.zeros_like(value))
 
 
-def _rounding(size: Array) -> Array:
+def _bound_rounding(size: Array) -> Array:
     return _ROUNDING * size

@@ -155,7 +155,7 @@ def _over_windows(ends: Array) -> tuple[Array, Array]:
 def _velocities(C: Array, M: Box, known: Speeds, low: Array, high: Array) -> tuple[Array, Array]:
     """Velocities whose momenta are between bounds: v = C p - (C M - 1) v, for any matrices C."""
     rest = C @ M - np.eye(C.shape[1])
-    most = _fixed_point(rest.size, _product(np.abs(C), np.maximum(np.abs(low), np.abs(high))))
+    most = _solve_fixed_point(rest.size, _product(np.abs(C), np.maximum(np.abs(low), np.abs(high))))
     known = Speeds(known.edges, np.fmax(known.lower, -most), np.fmin(known.upper, most))
     v = Box.of(known.lower, known.upper)
     with np.errstate(invalid="ignore"):
@@ -170,7 +170,7 @@ def _velocities(C: Array, M: Box, known: Speeds, low: Array, high: Array) -> tup
     )
 
 
-def _fixed_point(rest: Array, given: Array) -> Array:
+def _solve_fixed_point(rest: Array, given: Array) -> Array:
     """Solve x <= given + rest x for the largest x; infinite where rest is no contraction."""
     share = rest.sum(axis=2).max(axis=1)[:, None]
     with np.errstate(divide="ignore"):

@@ -47,7 +47,7 @@ class Findings:
 
             def keep(message: Warning | str, category: type[Warning], *args: Any, **kwargs: Any) -> None:
                 words = str(message)
-                self.warnings.append(self._finding(category.__name__, key_in(words), words, self._file))
+                self.warnings.append(self._make_finding(category.__name__, key_in(words), words, self._file))
                 show(message, category, *args, **kwargs)
 
             warnings.showwarning = keep
@@ -60,17 +60,17 @@ class Findings:
             mistakes: Sequence[tuple[str | None, str]] = error.mistakes
         else:
             mistakes = [(error.key, str(error))]
-        self.errors += [self._finding(code, key, words, path) for key, words in mistakes]
+        self.errors += [self._make_finding(code, key, words, path) for key, words in mistakes]
 
     def add_causes(self, causes: Sequence[Cause]) -> None:
         """Add what arithmetic says against a problem."""
         for cause in causes:
             code = "impossible" if cause.is_certain else "doubtful"
-            self.warnings.append(self._finding(code, None, cause.words, self._file))
+            self.warnings.append(self._make_finding(code, None, cause.words, self._file))
 
     def add_oddities(self, oddities: Sequence[str]) -> None:
         """Add what is odd in the robot's file."""
-        self.warnings += [self._finding("odd", None, words, self._file) for words in oddities]
+        self.warnings += [self._make_finding("odd", None, words, self._file) for words in oddities]
 
     def to_dict(self, exit_status: int) -> dict[str, Any]:
         """Return what is printed."""
@@ -81,7 +81,7 @@ class Findings:
             "warnings": self.warnings,
         }
 
-    def _finding(self, code: str, key: str | None, words: str, path: Path) -> Finding:
+    def _make_finding(self, code: str, key: str | None, words: str, path: Path) -> Finding:
         message = words.removeprefix(f"{self._file}: ").removeprefix(f"{path}: ")
         message = shorten(message.removeprefix(f"{key}: "), MAX_MESSAGE)
         place = self._place(key, message, path)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from mbocp._keys import without_links
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
-
     from mbocp.problem.file.keys_page import Row
 
 _INDEX = re.compile(r"\[\w+\]|\.\d+(?=\.|$)")  # path.0.kind and path[0].kind are path.kind
@@ -70,7 +68,7 @@ def _robot_rows() -> Iterator[tuple[str, Row]]:
     """A row for each kind of table of robot.toml, and one for each key that is no table."""
     from mbocp._keys import default_of, key_of, takes_of
     from mbocp.problem.file.keys_page import Row
-    from mbocp.robot.loading.robot_toml import TABLES, RobotTable
+    from mbocp.robot.loading.robot_toml import TABLES, RobotTable, types_of
 
     for field, info in RobotTable.model_fields.items():
         key = info.alias or field
@@ -81,17 +79,12 @@ def _robot_rows() -> Iterator[tuple[str, Row]]:
             continue
         takes = takes_of(info)
         for table in TABLES[key]:
-            of_type = _types(table)
+            of_type = types_of(table)
             heading = f"[[{key}]]" if takes == "tables" else f"[{key}]"
             name = f'{heading} type = "{of_type[0]}"' if len(of_type) == 1 else heading
             meaning = (table.__doc__ or "").split("\n\n")[0].rstrip(".")
             keys = ", ".join(one for one in table.model_fields if one != "type" or len(of_type) != 1)
             yield name, Row((name,), takes, "", "", f"{f'{meaning}; ' * bool(meaning)}keys: {keys}; {_WHERE}")
-
-
-def _types(table: type[BaseModel]) -> tuple[str, ...]:
-    field = table.model_fields.get("type")
-    return get_args(field.annotation) if field is not None else ()
 
 
 def _near(asked: str, known: Mapping[str, Row]) -> str:

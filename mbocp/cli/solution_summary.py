@@ -118,7 +118,7 @@ def solution_rows(solution: Solution, robot: str) -> _Rows:
         ("status", verdict),
         ("cost", f"{solution.cost:.10g}"),
         ("work", work_words(solution)),
-        ("energy", _drawn_energy(solution)),
+        ("energy", _describe_drawn_energy(solution)),
         ("iterations", f"{solution.iterations} in {_seconds(solution.wall_time_s)}{_phases(solution)}"),
         ("residual", f"{solution.residual:.2e}, last increment {_increment(solution)}"),
         ("goal", solution.goal_error),
@@ -134,7 +134,7 @@ def _increment(solution: Solution) -> str:
     return "-" if math.isnan(solution.increment) else f"{solution.increment:.2e}"
 
 
-def _drawn_energy(solution: Solution) -> str:
+def _describe_drawn_energy(solution: Solution) -> str:
     if math.isnan(solution.drawn_energy):
         return ""
     return f"{solution.drawn_energy:.4g} J from the supply, as cost.energy says"

@@ -48,10 +48,10 @@ def work_words(solution: Solution) -> str:
     words = f"{solution.positive_work:.4g} J by the controls, braking left out"
     made = solution.accuracy.made_energy
     is_known = not abs(made) > _KNOWN_WORK * solution.positive_work
-    return words if is_known else f"{words}; {_made(made)} beside it"
+    return words if is_known else f"{words}; {_describe_energy_made(made)} beside it"
 
 
-def _made(energy: float) -> str:
+def _describe_energy_made(energy: float) -> str:
     return f"the steps {'make' if energy > 0.0 else 'lose'} {abs(energy):.2g} J"
 
 
@@ -77,7 +77,7 @@ def accuracy_words(solution: Solution) -> str:
         f"{found.local_time:.4g} s{of_way}",
         f"the controls alone, without feedback, miss the end by {missed}",
         *_feedback(found, size),
-        f"{_made(found.made_energy)} of {found.energy_range:.3g} J",
+        f"{_describe_energy_made(found.made_energy)} of {found.energy_range:.3g} J",
     ]
     return "\n".join(lines)
 

@@ -15,7 +15,7 @@ from mbocp._memory import check_horizon
 from mbocp.formulation.end_rows import EndRows, acceleration_rows, frame_ends
 from mbocp.formulation.features.all_features import features_of
 from mbocp.formulation.features.changing_constraints import has_step_before
-from mbocp.formulation.features.easing import ease_terms, easing_weights
+from mbocp.formulation.features.easing import choose_easing_weights, ease_terms
 from mbocp.formulation.features.feature import StepRequests
 from mbocp.formulation.features.memory import memory_units
 from mbocp.formulation.features.moved_start import start_ends
@@ -35,7 +35,7 @@ from mbocp.programme import StageKind, StagewiseProgramme
 from mbocp.programme.compilation import CompiledFunctions, LateFunctions, load_functions
 from mbocp.robot import Robot
 from mbocp.terms.kinds import AccelerationEnd, ExactGoal, Follow, TerminalCost
-from mbocp.terms.own_parts import own_ends, running_terms
+from mbocp.terms.own_parts import collect_running_terms, own_ends
 
 
 def needs_plain_states(problem: Problem) -> bool:
@@ -107,7 +107,7 @@ def build_programme(pieces: Pieces, *, deadline: float = math.inf) -> StagewiseP
         units=units_of(pieces),
         path_names=tuple(label.name for constraint in problem.inequalities for label in constraint.labels),
         has_free_lengths=problem.timeline.has_free_lengths,
-        easing=_easing(problem, signature, layout),
+        easing=_find_easing_values(problem, signature, layout),
     )
     return programme if problem.tube is None else tighten(programme, problem.tube)
 
@@ -156,8 +156,10 @@ def _kind(pieces: Pieces, nr: int) -> StageKind:
     )
 
 
-def _easing(problem: Problem, signature: FunctionSignature, layout: ParameterLayout) -> Array | None:
-    weights = easing_weights(problem, signature.cost)
+def _find_easing_values(
+    problem: Problem, signature: FunctionSignature, layout: ParameterLayout
+) -> Array | None:
+    weights = choose_easing_weights(problem, signature.cost)
     if weights is None:
         return None
     easing = np.zeros(sum(layout.theta.values()))
@@ -205,7 +207,7 @@ def signature_of(
     goal, nv = problem.goal, problem.robot.nv
     cost, robot = problem.heaviest_cost, problem.robot
     given = term_numbers(problem, cost, joints)
-    terms = ease_terms(problem, running_terms(given))
+    terms = ease_terms(problem, collect_running_terms(given))
     path = _structures(problem, _of_joints(joints))
     ends = (
         *frame_ends(problem, rows),

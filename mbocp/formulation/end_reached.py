@@ -31,7 +31,7 @@ from mbocp.formulation.features.changing_constraints import ties_at_end
 from mbocp.formulation.motion import Motion
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.diagnostics import constraint_violation
-from mbocp.mechanisms.consistent_states import allowed_velocities
+from mbocp.mechanisms.consistent_states import span_allowed_velocities
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.goals.frames import errors_of_poses
@@ -259,7 +259,7 @@ def _free_velocities(formulation: Formulation, q: Array) -> Array:
     """Directions of the velocities that everything which acts at the end allows there, shape (nv, any)."""
     ties = ties_at_end(formulation.problem, q)
     if ties is None:
-        return allowed_velocities(formulation.problem.robot, q)
+        return span_allowed_velocities(formulation.problem.robot, q)
     return null_space(ties[1], RANK_TOLERANCE)
 
 

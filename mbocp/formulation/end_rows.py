@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, dataclass, largest_entry, null_space, spanning_rows
+from mbocp._arrays import Array, BoolArray, dataclass, largest_entry, null_space, select_spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart
 from mbocp.integrators import VELOCITY_TAU
@@ -18,7 +18,7 @@ from mbocp.mechanisms.consistent_states import tangent_space
 from mbocp.problem import Goal, Problem
 from mbocp.problem.goals.frames import frame_projections
 from mbocp.robot import Robot
-from mbocp.robot.walking import walking_bodies
+from mbocp.robot.walking import find_walking_bodies
 from mbocp.terms.frame_end import FrameEnd, FrameProjections
 
 _ITERATIONS = 30  # Newton's method is quadratic: four are typical
@@ -197,10 +197,10 @@ def end_condition_rows(
 def _choose_rates(robot: Robot, active: BoolArray, moments: Array) -> Array:
     """Entries of rates that say all others: of bodies that walk, of robots, of loads, shape (rows, nv)."""
     chosen: list[int] = []
-    left, walks = moments, walking_bodies(robot)
+    left, walks = moments, find_walking_bodies(robot)
     for kind in (walks, ~(walks | robot.is_load), robot.is_load):
         entries = np.flatnonzero(active & kind)
-        found = entries[spanning_rows(left[entries], RANK_TOLERANCE)]
+        found = entries[select_spanning_rows(left[entries], RANK_TOLERANCE)]
         chosen += found.tolist()
         left = left @ null_space(left[found], RANK_TOLERANCE)
     return np.eye(robot.nv)[sorted(chosen)]

@@ -69,7 +69,7 @@ def formulate_with_independent_ends(problem: Problem, deadline: float) -> tuple[
         As `formulate` does.
     """
     found, told = formulate(problem, deadline=deadline), ""
-    rows = implied_end_rows(found)
+    rows = find_implied_end_rows(found)
     if rows:
         names = ", ".join(found.programme.describe_row(-1, row) for row in rows)
         told = f"; left out, since the dynamics imply it: {names}"
@@ -84,7 +84,7 @@ def formulation_in_use(problem: Problem) -> Formulation | None:
     return found if found is not None and found.problem is problem else None
 
 
-def implied_end_rows(whole: Formulation) -> tuple[int, ...]:
+def find_implied_end_rows(whole: Formulation) -> tuple[int, ...]:
     """Rows of the joints' end condition that the dynamics meet by themselves, and that may be left out.
 
     Raises

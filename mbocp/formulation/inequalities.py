@@ -9,7 +9,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.formulation.base import Formulation
-from mbocp.formulation.features.braking_within import BRAKING_WITHIN, names_of_braking
+from mbocp.formulation.features.braking_within import BRAKING_WITHIN, name_braking_rows
 from mbocp.formulation.features.changing_constraints import reactions_along
 from mbocp.formulation.features.lines_within import LINES_WITHIN, names_of_lines
 from mbocp.formulation.features.path_progress import progress_along
@@ -20,7 +20,7 @@ from mbocp.formulation.state_bounds import sides_of_path
 from mbocp.integrators import root_mean_squares
 from mbocp.mechanics.motion_rates import rates_along
 from mbocp.problem import Problem
-from mbocp.problem.first_motion import holding_controls
+from mbocp.problem.first_motion import find_holding_controls
 from mbocp.programme import Iterate
 from mbocp.terms.bounded import MotionAtNodes
 
@@ -43,7 +43,7 @@ def _names_within(problem: Problem) -> tuple[str, ...]:
     return (
         *names_within(problem),
         *names_of_lines(problem),
-        *names_of_braking(problem),
+        *name_braking_rows(problem),
         *names_of_paths(problem),
     )
 
@@ -71,7 +71,7 @@ def path_along(problem: Problem, motion: Motion, lams: Array) -> Array:
     )
     limits = problem.limits_of_rates
     rates = along_steps(problem.u_before) | {"control": motion.us_at_ends} if limits else {}
-    if isinstance(problem.u_after, str) and (held := holding_controls(robot, qs[-1])) is not None:
+    if isinstance(problem.u_after, str) and (held := find_holding_controls(robot, qs[-1])) is not None:
         rates["held"] = held
     return np.hstack([np.zeros((len(us), 0)), *along, *(c.values_of(rates, motion.dts) for c in limits)])
 

@@ -68,7 +68,7 @@ def ordinary_units(problem: Problem) -> tuple[float, float]:
     if _is_within(force, _ORDINARY_FORCE) and _is_within(cost, _ORDINARY_COST):
         return 1.0, 1.0
     unit = 1.0 if _is_within(force, _ORDINARY_FORCE) else _power_of_two(force)
-    is_tracking = cost > _ORDINARY_COST[1] and cost <= problem.duration * _largest_tracking(problem)
+    is_tracking = cost > _ORDINARY_COST[1] and cost <= problem.duration * _find_largest_tracking(problem)
     return unit, (_LARGE_TRACKING if is_tracking else 1.0) / _power_of_two(cost)
 
 
@@ -88,7 +88,7 @@ def _typical_cost(problem: Problem, force: float) -> float:
         np.max(cost.on_squares, initial=0.0) * force**2,
         np.max(cost.control_rate, initial=0.0) * (force / T) ** 2,
         np.max(cost.velocity, initial=0.0) / T**2,
-        _largest_tracking(problem),
+        _find_largest_tracking(problem),
         np.max(weights[nv:], initial=0.0) * (force * T) ** 2,
         abs(cost.potential) * force,
         float(cost.weight("time")),
@@ -96,7 +96,7 @@ def _typical_cost(problem: Problem, force: float) -> float:
     return T * float(max(rates))
 
 
-def _largest_tracking(problem: Problem) -> float:
+def _find_largest_tracking(problem: Problem) -> float:
     """Largest weight of a distance from the target's configuration."""
     cost = problem.cost
     return float(np.max(cost.tracking * np.asarray(cost.tracking_weights)[: problem.robot.nv], initial=0.0))

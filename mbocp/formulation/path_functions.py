@@ -9,7 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from mbocp.formulation.features.accelerations import driven_acceleration
+from mbocp.formulation.features.accelerations import accelerate_driven
 from mbocp.formulation.features.clock import CLOCK, STEP_SHARE
 from mbocp.formulation.layout import Block
 from mbocp.formulation.parameter_layout import NUMBERS, parameter_layout, path_parameters, pieces
@@ -150,7 +150,7 @@ def _expressions(at: StepSymbols, signature: FunctionSignature, chosen: Sequence
     node = replace(node, remembered=remembered)
     if "control" in remembered:
         u = remembered["control"]
-        node = replace(node, u=u, acceleration=partial(driven_acceleration, node, u))
+        node = replace(node, u=u, acceleration=partial(accelerate_driven, node, u))
     for k in chosen:
         term = signature.path[k]
         assert not isinstance(term, ClearanceTerm)

@@ -130,7 +130,7 @@ def _energies(problem: Problem, motion: Motion) -> tuple[float, float]:
         t = np.append(0.0, np.cumsum(motion.dts))
         work, braked = StepPowers.of(robot, problem.scheme, t, motion.qs, motion.vs, motion.us_at).works
         rms = root_mean_squares(motion.dts, motion.us, motion.values, motion.shares)
-        drawn = Energy.drawn_energy(problem.cost, work, braked, motion.dts.sum() * rms**2)
+        drawn = Energy.compute_drawn_energy(problem.cost, work, braked, motion.dts.sum() * rms**2)
     return float(work.sum()), drawn
 
 

@@ -16,7 +16,7 @@ from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.pieces import Pieces, RowLabels
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import Space
-from mbocp.mechanics.held_frames import held_labels
+from mbocp.mechanics.held_frames import label_held
 from mbocp.problem import Problem
 from mbocp.programme import StateBounds
 from mbocp.terms.periodic_end import PeriodicEnd
@@ -120,7 +120,7 @@ def _start_words(problem: Problem, space: Space) -> tuple[str, ...]:
             for prefix, D in (("cycle of ", term.D_q), ("cycle of the rate of ", term.D_v)):
                 found += [prefix + names[largest_entry(row)].name for row in D]
             continue
-        own, held = problem.robot.constraint_labels, held_labels(term.held)
+        own, held = problem.robot.constraint_labels, label_held(term.held)
         for prefix, kept in (("", term.places), ("rate of ", term.rates)):
             labels = [*(own[i] for i in kept.own), *(held[i] for i in kept.held)]
             found += [f"{prefix}constraint {label.name} at the start" for label in labels]

@@ -129,11 +129,11 @@ def path_nodes(problem: Problem) -> BoolArray:
     columns = [constraint.nodes(problem.num_steps, problem.dt) for constraint in problem.inequalities]
     for column, constraint in zip(columns, problem.inequalities, strict=True):
         if isinstance(constraint, PathConstraint) and constraint.term.has_velocity:
-            column[-1, _said_by_goal(problem, constraint)] = False
+            column[-1, _find_rows_of_goal(problem, constraint)] = False
     return np.hstack(columns) if columns else np.ones((problem.num_steps, 0), dtype=np.bool_)
 
 
-def _said_by_goal(problem: Problem, constraint: PathConstraint) -> BoolArray:
+def _find_rows_of_goal(problem: Problem, constraint: PathConstraint) -> BoolArray:
     """Which rows of a constraint are equations on velocities that the goal gives, shape (rows,)."""
     goal, equations = problem.goal, np.asarray(constraint.lower == constraint.upper)
     if not (equations.any() and constraint.is_known_before and goal.is_exact and goal.rate == "v"):

@@ -19,7 +19,7 @@ from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis
 from mbocp.integrators.switched import ActiveForces
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
-from mbocp.mechanics.held_frames import held_jacobian
+from mbocp.mechanics.held_frames import write_held_jacobian
 from mbocp.robot import Robot
 
 HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
@@ -204,7 +204,7 @@ class StepSymbols:
         jacobian = self.mechanics.constraint_jacobian(q)
         if self.switched is None:
             return jacobian, ca.SX.ones(jacobian.shape[0])
-        held = held_jacobian(self.switched.held, self.mechanics, q)
+        held = write_held_jacobian(self.switched.held, self.mechanics, q)
         return ca.vertcat(jacobian, held), self.switched.active
 
     def _forces(self, rows: Sequence[int]) -> ca.SX:

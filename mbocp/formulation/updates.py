@@ -25,7 +25,7 @@ from mbocp.robot.nodes import between
 from mbocp.terms.frame_end import FrameEnd
 from mbocp.terms.frame_tolerance import FrameTolerance
 from mbocp.terms.kinds import TerminalCost
-from mbocp.terms.own_parts import running_terms
+from mbocp.terms.own_parts import collect_running_terms
 
 
 class ParameterUpdates:
@@ -182,7 +182,7 @@ class ParameterUpdates:
         cost = self._cost.with_weights(weights).on_controls(problem.robot.nu)
         cost.check_dimensions(problem.robot.nq, problem.robot.nv, problem.num_steps)
         given = term_numbers(problem, cost, self._pieces.joints)
-        for term in running_terms(given):
+        for term in collect_running_terms(given):
             if term not in signature.cost:
                 raise ProblemError(
                     f"weights: the term {term.signature['term']!r} had no weight when the functions were "

@@ -18,7 +18,7 @@ from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.programme.compiler import check_deadline
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import difference
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.pose_rows import PoseRows
 from mbocp.robot.poses.pose_search import joint_bounds, reach
@@ -31,7 +31,7 @@ _LEAP, _FACTOR = 0.5, 4.0  # [rad, m] beyond so many times the step of what is n
 
 def usual_way(problem: Problem) -> Way:
     """Along the lines and paths that frames keep to all the time; without any, straight to the goal."""
-    kept = _kept_constraints(problem)
+    kept = _find_kept_constraints(problem)
     if not is_led(problem):
         return straight(problem)
 
@@ -44,15 +44,15 @@ def usual_way(problem: Problem) -> Way:
 
 def is_led(problem: Problem) -> bool:
     """Whether a frame keeps to a line or a path all the time, which leads it to its goal."""
-    return any(c.term.leads for c in _kept_constraints(problem))
+    return any(c.term.leads for c in _find_kept_constraints(problem))
 
 
 def follows_path(problem: Problem) -> bool:
     """Whether a frame follows a path all the time, so that the whole way is known without a goal."""
-    return any("progress" in c.term.remembers for c in _kept_constraints(problem))
+    return any("progress" in c.term.remembers for c in _find_kept_constraints(problem))
 
 
-def _kept_constraints(problem: Problem) -> list[PathConstraint]:
+def _find_kept_constraints(problem: Problem) -> list[PathConstraint]:
     """What frames keep to all the time; of those that roll the first, which the others follow."""
     N, dt = problem.num_steps, problem.dt
     kept = [c for c in problem.frame_constraints if c.span.has_start and c.span.has_end(N, dt)]
@@ -130,9 +130,9 @@ def _leaps(model: pin.Model, qs: Array, near: Array) -> bool:
 _T = TypeVar("_T")
 
 
-def required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
+def compute_required_force(robot: Robot, q: Array, v: Array, a: Array) -> Array:
     """Generalised force that actuators and constraints have to supply for a motion, shape (nv,)."""
-    force: Array = pin.rnea(robot.model, working_data(robot.model), q, v, a)
+    force: Array = pin.rnea(robot.model, make_working_data(robot.model), q, v, a)
     return force - robot.force_elements(q, v) if robot.has_forces else force
 
 
@@ -160,7 +160,7 @@ def balances(
         rows = constraint_jacobians(robot, qs)
         if table is not None:
             rows = table.along(qs, rows) * ~table.is_impact[:, None, None]
-        forces = np.array([required_force(robot, *at) for at in motion])
+        forces = np.array([compute_required_force(robot, *at) for at in motion])
         if robot.actuation.is_constant:
             columns = np.broadcast_to(robot.actuation_matrix(qs[0]), (len(qs), robot.nv, robot.nu))
         else:
@@ -169,7 +169,7 @@ def balances(
         inverses = np.linalg.pinv(columns, rcond=np.finfo(float).eps * max(columns.shape[1:]))
         found: Array = np.einsum("nij,nj->ni", inverses, forces)
         return found[:, : robot.nu], found[:, robot.nu :]
-    data, columns = working_data(robot.model), robot.actuation_matrix(qs[0])  # the same everywhere
+    data, columns = make_working_data(robot.model), robot.actuation_matrix(qs[0])  # the same everywhere
     forces = np.array([pin.rnea(robot.model, data, *at).copy() for at in motion])
     us: Array = np.linalg.lstsq(columns, forces.T, rcond=None)[0].T
     return np.ascontiguousarray(us), np.zeros((len(qs), 0))
@@ -185,5 +185,5 @@ def _in_time(values: Iterable[_T], deadline: float) -> Iterator[_T]:
 def balance(robot: Robot, q: Array, v: Array, a: Array, dPhi_dq: Array) -> tuple[Array, Array]:
     """Controls and multipliers that balance the inverse dynamics best, in the least-squares sense."""
     columns = np.hstack([robot.actuation_matrix(q), -dPhi_dq.T])
-    found = np.linalg.lstsq(columns, required_force(robot, q, v, a), rcond=None)[0]
+    found = np.linalg.lstsq(columns, compute_required_force(robot, q, v, a), rcond=None)[0]
     return found[: robot.nu], found[robot.nu :]

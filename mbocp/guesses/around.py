@@ -18,7 +18,7 @@ import numpy as np
 
 from mbocp._arrays import Array
 from mbocp.guesses.in_time import blend, way_in_time
-from mbocp.guesses.ways import Way, given_way, position_limits, straight, through
+from mbocp.guesses.ways import Way, position_limits, read_given_way, straight, through
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.problem.obstacles.pair_clearances import WaySize
@@ -55,7 +55,7 @@ def near_the_way(problem: Problem, ts: Array | None = None, qs: Array | None = N
     ts, shares = problem.duration * shares, blend(shares)
     stops = [np.asarray(point.via.goal.q) for point in problem.timeline.waypoints]
     corners = [*stops, np.asarray(problem.goal.q)]
-    found = (given_way(problem) or around(problem) or through(robot, corners))(q_start, shares)
+    found = (read_given_way(problem) or around(problem) or through(robot, corners))(q_start, shares)
     return with_first_reserve(with_pairs(problem, near_pairs(clearance, ts, found)), ts, found)
 
 

@@ -18,7 +18,7 @@ from mbocp.formulation import Formulation
 from mbocp.guesses.screening import Screening, can_screen, is_preferred, status_of, with_end
 from mbocp.solvers import Outcome, SolverSettings, Start, Status, run_strategy
 from mbocp.solvers.records import deadline_after, time_until
-from mbocp.solvers.strategies.phases import how_it_ended
+from mbocp.solvers.strategies.phases import describe_end
 
 GIVEN_SOLUTIONS = ("warm start", "solution")  # guesses with a minimum of their own, which is wanted
 _SHARES = (0.1, 1e-3)  # of the weight "auto": that of the first leaves effort a good part of the cost
@@ -176,7 +176,7 @@ class _Descent:
     def _with_words(self, best: Outcome, words: str) -> Outcome:
         """Say how an outcome was reached, and what comes straight from the guess."""
         plain = self.plain.result
-        without = f"(straight from the guess: {how_it_ended(plain)}, cost {plain.record.cost:.6g})"
+        without = f"(straight from the guess: {describe_end(plain)}, cost {plain.record.cost:.6g})"
         return replace(best, result=replace(best.result, advice=f"{best.result.advice}; {words} {without}"))
 
     def _describe_weight(self) -> str:

@@ -21,7 +21,7 @@ from mbocp.problem.timeline.switches import SwitchTable, rows_of_frames
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import FrameTarget
-from mbocp.robot.walking import walking_bodies
+from mbocp.robot.walking import find_walking_bodies
 
 _PLACE = 3  # rows of what keeps the origin of a frame where it is [m]
 
@@ -124,7 +124,7 @@ def _is_foot(robot: Robot, frame: str) -> bool:
     model = robot.model
     _, *joints = model.supports[model.frames[robot.frame_id(frame)].parentJoint]
     at = [robot.velocity_indices(model.names[joint]) for joint in joints]
-    return len(at) > 1 and bool(walking_bodies(robot)[at[0]].all())
+    return len(at) > 1 and bool(find_walking_bodies(robot)[at[0]].all())
 
 
 def _are_all(feet: list[_Stand], goal: Goal | None) -> bool:

@@ -33,7 +33,7 @@ from mbocp.robot import Robot
 from mbocp.robot.loops.projection import components
 from mbocp.robot.poses.pose_rows import CLOSURE_WEIGHT, PoseRows
 from mbocp.robot.poses.pose_search import JointBounds, joint_bounds, reach
-from mbocp.robot.walking import walking_bodies
+from mbocp.robot.walking import find_walking_bodies
 
 _TOLERANCE = 1e-9  # [m, rad]
 _RESTARTS = 8  # random ones at a stop, where neither the line nor the stop before leads there
@@ -115,7 +115,7 @@ class _Stops:
         robot, said = self.problem.robot, () if goal is None else goal.poses
         targets = [frame.target for frame in said] + list(landing.targets)
         rows, bounds = _StopRows(PoseRows(robot, targets), ties), self._bounds
-        q, has_arrived = reach(rows, bounds.clip(landing.q), bounds, walking_bodies(robot), _TOLERANCE)
+        q, has_arrived = reach(rows, bounds.clip(landing.q), bounds, find_walking_bodies(robot), _TOLERANCE)
         if not has_arrived:
             q, _ = reach(rows, q, bounds, np.zeros(robot.nv, dtype=np.bool_), _TOLERANCE)
         return ties.fit(q[None])[0]
@@ -129,7 +129,7 @@ class _Stops:
             yield with_joints(robot, bounds.random(robot.model, before, rng), q, written)
 
 
-def held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop]:
+def make_held_stops(problem: Problem, raw: Sequence[Stop], clock: Array) -> list[Stop]:
     """Stops at which what is held fits, with those beside them where something is taken on.
 
     Parameters
@@ -181,7 +181,7 @@ def carry(problem: Problem, qs: Array) -> Array:
     return found
 
 
-def carried_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
+def carry_rate(problem: Problem, q: Array, v: Array, step: int) -> Array:
     """The velocity after an impact at which a motion would arrive with `v`, shape (nv,).
 
     .. math:: v^+ = v - M^{-1} J^T (J M^{-1} J^T)^+ J v

@@ -21,7 +21,7 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.end_reached import miss_of_rates
 from mbocp.formulation.formulate import formulate_with_independent_ends
 from mbocp.guesses.eased import GIVEN_SOLUTIONS, try_easing
-from mbocp.guesses.make import none_made
+from mbocp.guesses.make import explain_none_made
 from mbocp.guesses.screening import is_preferred, status_of, with_end
 from mbocp.guesses.starts import guesses_in_turn, last_guesses
 from mbocp.job import Job, settings_of
@@ -30,7 +30,7 @@ from mbocp.programme.iterate import IterateRecord
 from mbocp.solution.details import StartRecord
 from mbocp.solution.read_solution import Attempt
 from mbocp.solvers import IterationRecord, Outcome, Phase, SolverSettings, Start, Status, run_strategy
-from mbocp.solvers.newton_method.limit_multipliers import why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import explain_limits_not_kept
 from mbocp.solvers.newton_method.monolithic import can_be_polished
 from mbocp.solvers.records import time_phase, time_until
 
@@ -170,7 +170,7 @@ def _goes_on_at_once(job: Job, formulation: Formulation, settings: SolverSetting
     is_auto = settings.options.method == "auto" and settings.has_inequalities
     if is_alone or not is_auto or not formulation.problem.timeline.has_free_lengths:
         return True
-    return why_limits_cannot_be_kept(formulation.programme) is not None
+    return explain_limits_not_kept(formulation.programme) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +292,7 @@ class _GuessRecord:
             If no guess could be made.
         """
         if self.best is None:
-            raise none_made(self.failed)
+            raise explain_none_made(self.failed)
         outcome, words = self.best
         words += "".join(f"; {kind!r} could not be made" for kind in self.failed)
         return outcome.with_history(self.history), words

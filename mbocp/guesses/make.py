@@ -13,11 +13,11 @@ from mbocp.exceptions import DimensionMismatch, ProblemError, ResultFileError
 from mbocp.formulation import Formulation, Motion, formulate
 from mbocp.formulation.features.changing_constraints import fill_impulses
 from mbocp.formulation.features.step_lengths import length_controls
-from mbocp.guesses.along import balance, balances, follows_path, is_led, required_force
+from mbocp.guesses.along import balance, balances, compute_required_force, follows_path, is_led
 from mbocp.guesses.around import around
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.straight_line import at_rest, driven_line, is_whole, line
-from mbocp.guesses.ways import given_way
+from mbocp.guesses.straight_line import at_rest, drive_line, is_whole, line
+from mbocp.guesses.ways import read_given_way
 from mbocp.job import settings_of
 from mbocp.problem import Guess, Problem
 from mbocp.problem.coordinates import COORDINATES
@@ -76,17 +76,17 @@ def plain_guess(kind: str, formulation: Formulation, deadline: float = math.inf)
     if kind == "hold":
         how = "" if can_hold(problem) else " as far as the controls can"
         return hold(formulation, deadline), f"hold the start, gravity compensated{how}"
-    given = given_way(problem)
+    given = read_given_way(problem)
     way = given or around(problem)
     usual = "a way that frames keep to" if is_led(problem) else "straight line in the configuration space"
     words = usual if way is None else "a way around obstacles"
     words = words if given is None else "straight lines through the configurations of guess.q"
     if problem.robot.drives:
-        return driven_line(formulation, way), words
+        return drive_line(formulation, way), words
     return line(formulation, way, deadline), f"{words}, inverse dynamics"
 
 
-def none_made(failed: Mapping[str, ProblemError]) -> ProblemError:
+def explain_none_made(failed: Mapping[str, ProblemError]) -> ProblemError:
     """Return the error for guesses of which none could be made: why each failed."""
     if len(failed) == 1:
         return next(iter(failed.values()))
@@ -100,7 +100,7 @@ def can_hold(problem: Problem) -> bool:
     rest = np.zeros(robot.nv)
     G = robot.constraint_jacobian(q) if table is None else table.derivatives(q, table.own[0], table.pushes[0])
     u, lam = balance(robot, q, rest, rest, G)
-    wanted = required_force(robot, q, rest, rest)
+    wanted = compute_required_force(robot, q, rest, rest)
     left = wanted - robot.actuation_matrix(q) @ u + G.T @ lam
     return bool(np.abs(left).max(initial=0.0) <= _EQUILIBRIUM * (1.0 + np.abs(wanted).max(initial=0.0)))
 
@@ -215,7 +215,7 @@ def _guess_from_joints(formulation: Formulation) -> tuple[Iterate, str]:
         if result.status is Status.CONVERGED:
             break
     if best is None:
-        raise none_made(failed)
+        raise explain_none_made(failed)
     motion = stepwise.motion_of(best.iterate)
     lams = best.iterate.ys / fill_impulses(formulation.problem, motion.dts)
     iterate = formulation.iterate_of(motion, lams)

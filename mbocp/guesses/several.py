@@ -7,9 +7,8 @@ does not depend on who solves it.
 
 from __future__ import annotations
 
-import threading
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 from functools import partial
@@ -57,10 +56,7 @@ def solve_from_starts(
     clock, threads = time.perf_counter(), job.problem.solver.num_threads
     tasks = [replace(task, threads=max(1, threads // len(tasks))) for task in tasks]
     batch = _Batch(tasks, job.callback, job.deadline)
-    if threads > 1:
-        batch.run_in_threads(threads)
-    else:
-        batch.run((available_threads() if workers is None else workers) - 1)
+    batch.run(threads, available_threads() if workers is None else workers)
     batch.ease(threads)
     tried = [(tasks[i], with_end(tasks[i].formulation, batch.outcomes[i])) for i in sorted(batch.outcomes)]
     for place, formulation in goals:
@@ -117,52 +113,53 @@ class _Batch:
     deadline: float
     outcomes: dict[int, Outcome] = field(default_factory=dict)
     is_interrupted: bool = False
-    _brought: dict[int, Outcome] = field(default_factory=dict)
-    _waiting: deque[int] = field(default_factory=deque)
-    _all_taken: threading.Event = field(default_factory=threading.Event)
 
     @property
     def is_over(self) -> bool:
         """Whether no further start is to begin."""
         return self.is_interrupted or time.perf_counter() > self.deadline
 
-    def run(self, helpers: int) -> None:
-        """Solve from all guesses; from as many as there was time for, when interrupted."""
-        self._waiting = deque(range(len(self.tasks)))
-        processes = [Elsewhere() for _ in range(min(helpers, len(self.tasks) - 1))]
-        threads = [threading.Thread(target=self._help, args=(p,), daemon=True) for p in processes]
-        try:
-            for thread in threads:
-                thread.start()
-            self._take()
-            self._all_taken.set()
-            for thread in threads:
-                thread.join()
-            self._take()  # what a process could not do
-            self._show()
-        except KeyboardInterrupt:
-            if not self.outcomes:
-                raise
-            self.is_interrupted = True
-        finally:
-            self._all_taken.set()
-            self.outcomes |= self._brought
-            for process in processes:
-                process.close()
-
-    def run_in_threads(self, threads: int) -> None:
-        """The same with threads of this process."""
+    def run(self, threads: int, workers: int) -> None:
+        """Solve from all guesses, with so many threads, or else processes; when interrupted, from some."""
+        processes = [Elsewhere() for _ in range(min(workers, len(self.tasks)) - 1)] if threads == 1 else []
+        free = [*processes]
 
         def work(number: int, watch: Watch) -> Outcome:
-            return self.solve(self.tasks[number], number, watch)
+            task = self.tasks[number]
+            if watch.is_live or not processes:
+                return self.solve(task, number, watch)
+            process = free.pop()
+            try:
+                return self._solve_elsewhere(process, task, number, watch)
+            except ElsewhereError:
+                return self.solve(task, number, watch)
+            finally:
+                free.append(process)
 
-        self._side_by_side(work, range(len(self.tasks)), threads)
+        try:
+            count = 1 + len(processes) if processes else threads
+            self._side_by_side(work, range(len(self.tasks)), count, _PATIENCE if processes else 0.0)
+        finally:
+            for process in processes:
+                process.close()
 
     def solve(self, task: _Task, number: int, callback: Callback | None) -> Outcome:
         """Outcome of one start, in this process."""
         start = Start(task.formulation.programme, task.guess.iterate, callback, label=_label(number))
         outcome = run_strategy(task.settings(self.deadline), start)
         self.is_interrupted |= _is_interrupted(outcome)
+        return outcome
+
+    def _solve_elsewhere(self, process: Elsewhere, task: _Task, number: int, watch: Watch) -> Outcome:
+        """Outcome of one start, in a process that ends with its piece of work."""
+        watch.at_end = process.close
+        if watch.is_ended:
+            raise KeyboardInterrupt
+        start = Start(task.formulation.programme, task.guess.iterate, label=_label(number))
+        outcome = process.run(partial(run_elsewhere, task.settings(self.deadline), start))
+        assert isinstance(outcome, Outcome)
+        for record in outcome.result.history:
+            watch(record)
         return outcome
 
     def ease(self, threads: int) -> None:
@@ -188,51 +185,22 @@ class _Batch:
             self._side_by_side(work, left, threads)
 
     def _side_by_side(
-        self, work: Callable[[int, Watch], Outcome], numbers: Sequence[int], threads: int
+        self,
+        work: Callable[[int, Watch], Outcome],
+        numbers: Sequence[int],
+        threads: int,
+        patience: float = 0.0,
     ) -> None:
         """Outcomes of work(0), work(1), ... as those of the starts of these numbers."""
         row = SideBySide(work, len(numbers), self.callback, is_interrupted=_is_interrupted)
         try:
-            row.run(threads)
+            row.run(threads, patience)
         except KeyboardInterrupt:
             if not (row.results or self.outcomes):
                 raise
             self.is_interrupted = True
         self.outcomes |= {numbers[place]: outcome for place, outcome in row.results.items()}
         self.is_interrupted |= any(_is_interrupted(outcome) for outcome in row.results.values())
-
-    def _next(self) -> int | None:
-        try:
-            return self._waiting.popleft()
-        except IndexError:
-            return None
-
-    def _take(self) -> None:
-        while not self.is_interrupted and (number := self._next()) is not None:
-            self.outcomes[number] = self.solve(self.tasks[number], number, self.callback)
-
-    def _show(self) -> None:
-        """Show the records of other processes, as if they came now."""
-        if self.callback is not None:
-            for number in sorted(self._brought):
-                for record in self._brought[number].result.history:
-                    self.callback(record)
-
-    def _help(self, process: Elsewhere) -> None:
-        """What a thread does: it has a process solve what is left, if that takes its time."""
-        if self._all_taken.wait(_PATIENCE):
-            return
-        while (number := self._next()) is not None:
-            task = self.tasks[number]
-            settings, programme = task.settings(self.deadline), task.formulation.programme
-            start = Start(programme, task.guess.iterate, label=_label(number))
-            try:
-                found = process.run(partial(run_elsewhere, settings, start))
-            except ElsewhereError:
-                self._waiting.append(number)
-                return
-            if isinstance(found, Outcome):
-                self._brought[number] = found
 
 
 def _is_interrupted(outcome: Outcome) -> bool:

@@ -14,9 +14,9 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import Formulation
 from mbocp.guesses.around import ways_around
 from mbocp.guesses.from_solution import iterate_from_solution
-from mbocp.guesses.make import guess_candidates, kinds_in_turn, make_guess, none_made
-from mbocp.guesses.straight_line import driven_line, line, may_take_longer
-from mbocp.guesses.ways import Way, branch_ways, random_way, turned_ways
+from mbocp.guesses.make import explain_none_made, guess_candidates, kinds_in_turn, make_guess
+from mbocp.guesses.straight_line import drive_line, line, may_take_longer
+from mbocp.guesses.ways import Way, branch_ways, random_way, turn_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess
 from mbocp.programme import Iterate
@@ -76,7 +76,7 @@ def start_guesses(formulation: Formulation, warm_start: Warm, deadline: float = 
         if len(found) == wanted or len(failed) == _MAX_FAILED:
             break
     if not found:
-        raise none_made(failed)
+        raise explain_none_made(failed)
     return found
 
 
@@ -135,7 +135,7 @@ def _makers(formulation: Formulation, warm_start: Warm) -> Iterator[tuple[str, _
         yield "", partial(_along, formulation, words, way)
     for kind in others:
         yield kind, partial(make_guess, kind, formulation)
-    for words, way in chain(turned_ways(formulation), _random_ways(formulation)):
+    for words, way in chain(turn_ways(formulation), _random_ways(formulation)):
         yield "", partial(_along, formulation, words, way)
 
 
@@ -169,5 +169,5 @@ def _slow(formulation: Formulation, times: float, deadline: float) -> tuple[Iter
 
 def _along(formulation: Formulation, words: str, way: Way, deadline: float) -> tuple[Iterate, str]:
     if formulation.problem.robot.drives:
-        return driven_line(formulation, way), words
+        return drive_line(formulation, way), words
     return line(formulation, way, deadline), words

@@ -15,10 +15,10 @@ from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.formulation import Formulation, Motion
 from mbocp.formulation.features.changing_constraints import fill_lengths, repeat_at_impacts
 from mbocp.guesses.along import balances, is_led, usual_way
-from mbocp.guesses.held_stops import carried_rate, carry, held_stops
+from mbocp.guesses.held_stops import carry, carry_rate, make_held_stops
 from mbocp.guesses.stop import Stop
 from mbocp.guesses.ways import Way
-from mbocp.mechanisms.closed_path import closed_path
+from mbocp.mechanisms.closed_path import find_closed_path
 from mbocp.mechanisms.consistent_states import project_on_constraints, tangent_space
 from mbocp.problem import Problem
 from mbocp.programme import Iterate
@@ -26,7 +26,7 @@ from mbocp.robot import Robot
 from mbocp.robot.kinematics import difference
 from mbocp.robot.nodes import steps_between
 
-_NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `driven_line`
+_NUDGE = 0.1  # [m/s, rad/s, m/s^2, rad/s^2] on drives, see `drive_line`
 _NO_SPEED = 1e-9  # [m/s, rad/s] of what may not move at all
 _TOO_SHORT = 2.5  # times as long as guessed; the fastest motion takes 0.5 to 0.8 of what the line takes
 _NEARLY = 0.75  # of a longer time: less is the guess before
@@ -96,7 +96,7 @@ def line(
     return formulation.iterate_of(Motion(qs, vs, us, dts), lams)
 
 
-def driven_line(formulation: Formulation, way: Way | None = None) -> Iterate:
+def drive_line(formulation: Formulation, way: Way | None = None) -> Iterate:
     """Configurations on the line, or another way, at a steady rate, with the velocities that go with it.
 
     Where controls prescribe velocities, a line is seldom a motion. A little of every drive's speed and
@@ -198,7 +198,7 @@ def _line_states(formulation: Formulation, way: Way | None, dts: Array) -> tuple
     if tau == 1.0:
         vs = np.vstack([v_start, steps])
         for step in problem.timeline.impacts:
-            vs[step + 1] = carried_rate(problem, qs[step + 1], vs[step], step)
+            vs[step + 1] = carry_rate(problem, qs[step + 1], vs[step], step)
         return qs, vs
     if tau == 0.0:
         return qs, np.vstack([v_start, steps[1:], np.zeros(robot.nv)])
@@ -232,9 +232,9 @@ def _after(problem: Problem, qs: Array, steps: Array, n: int) -> Array:
     """Velocity after an impact: that of the steps which follow, at their beginning, along what is held."""
     timed = [k for k in range(n + 1, len(steps)) if not problem.timeline.is_impact[k]][:2]
     if not timed:
-        return carried_rate(problem, qs[n + 1], steps[n], n)
+        return carry_rate(problem, qs[n + 1], steps[n], n)
     ahead = steps[timed[0]] + (steps[timed[0]] - steps[timed[-1]]) / 2.0
-    return carried_rate(problem, qs[n + 1], ahead, n)
+    return carry_rate(problem, qs[n + 1], ahead, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +287,7 @@ class JointLine:
         blend = s**3 * (10 - 15 * s + 6 * s**2) if is_smooth else s
         every = np.arange(robot.nv)
         if has_loops:
-            way = closed_path(robot, project_on_constraints(robot, q0, every), q1, blend)
+            way = find_closed_path(robot, project_on_constraints(robot, q0, every), q1, blend)
             if way is not None:
                 return way
         moves = is_smooth and not has_loops and self.vs[leg : leg + 2].any()
@@ -310,7 +310,7 @@ def line_of(problem: Problem, q_first: Array, q_end: Array, first: int = 0) -> J
     points = [point for point in problem.timeline.waypoints if first < point.node < N]
     clock = guess_times(problem)
     between = [Stop(point.node, point.via.goal.q, point.via.goal) for point in points]
-    stops = held_stops(problem, [Stop(first, q_first), *between, Stop(N, q_end, problem.goal)], clock)
+    stops = make_held_stops(problem, [Stop(first, q_first), *between, Stop(N, q_end, problem.goal)], clock)
     nodes = [stop.node for stop in stops]
     times, qs = clock[nodes], np.array([stop.q for stop in stops])
     vs = np.zeros((len(times), robot.nv))

@@ -17,7 +17,7 @@ from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.projection import attitude_rows, jacobian_by_angle, residual_by_angle
 from mbocp.robot.loops.reduction import reduce_rows
 from mbocp.robot.poses.pose_rows import placements_of
-from mbocp.robot.walking import walking_bodies
+from mbocp.robot.walking import find_walking_bodies
 
 _FITTED = 1e-12  # [m, rad] within which holds are kept: another step would change nothing of a solve
 _DECIDED = 1e-6  # part of a joint in the motions that are left when motors stand still
@@ -156,7 +156,7 @@ def _follows(robot: Robot) -> BoolArray:
     """Velocity components that no motor or drive moves, but for bodies on legs, shape (nv,)."""
     has_motor = np.abs(robot.actuation.selection).sum(axis=1) > 0.0
     has_motor[list(robot.driven)] = True
-    found: BoolArray = ~(has_motor | walking_bodies(robot))
+    found: BoolArray = ~(has_motor | find_walking_bodies(robot))
     return found
 
 

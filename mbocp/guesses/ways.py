@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.formulation import Formulation
-from mbocp.mechanisms.closed_path import closed_path, driving_joints, path_towards
+from mbocp.mechanisms.closed_path import find_closed_path, find_driving_joints, path_towards
 from mbocp.mechanisms.consistent_states import project_on_constraints
 from mbocp.problem import Problem
 from mbocp.problem.goals.frames import RESTARTS, goal_branches
@@ -46,7 +46,7 @@ def straight_to(problem: Problem, q_goal: Array) -> Way:
     return lambda q_start, shares: _on_the_way(problem.robot, q_start, q_goal, shares)
 
 
-def given_way(problem: Problem) -> Way | None:
+def read_given_way(problem: Problem) -> Way | None:
     """Straight lines through the configurations of `guess.q`, at a steady rate; None where it has none."""
     if problem.guess.q is None:
         return None
@@ -85,14 +85,14 @@ def branch_ways(problem: Problem, restarts: int = RESTARTS) -> Iterator[tuple[st
     for number, q in enumerate(found.branches, start=1):
         if np.abs(robot.difference(goal.q, q)).max() < _SAME_PLACE:
             continue
-        if not robot.nc or closed_path(robot, problem.q_start, q, shares) is not None:
+        if not robot.nc or find_closed_path(robot, problem.q_start, q, shares) is not None:
             yield (
                 f"line to configuration {number} of {len(found.branches)} at the goal",
                 straight_to(problem, q),
             )
 
 
-def turned_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:
+def turn_ways(formulation: Formulation) -> Iterator[tuple[str, Way]]:
     """Ways on which one joint goes the other way around; with words, the shortest first.
 
     Of joints that are at the goal again after a whole turn, and that nothing limits: those of cosine and
@@ -169,12 +169,12 @@ def random_way(
 
 def _reach(robot: Robot, problem: Problem, through: Array) -> Array:
     """Configuration towards `through` from which the loops can be led to the goal; at worst the start."""
-    whole, driving = robot.difference(problem.q_start, through), driving_joints(robot, problem.q_start)
+    whole, driving = robot.difference(problem.q_start, through), find_driving_joints(robot, problem.q_start)
     shares = np.linspace(0.0, 1.0, 11)
     for reach in _REACH ** np.arange(1, 1 + _MAX_TRIES):
         target = robot.integrate(problem.q_start, reach * whole)
         path = path_towards(robot, problem.q_start, target, driving, shares)
-        if path is not None and closed_path(robot, path[-1], problem.goal.q, shares) is not None:
+        if path is not None and find_closed_path(robot, path[-1], problem.goal.q, shares) is not None:
             return path[-1]
     return problem.q_start
 
@@ -230,7 +230,7 @@ def _on_the_way(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
     """Configurations on the straight line, or as near to it as closed loops allow."""
     every = np.arange(robot.nv)
     if robot.nc:
-        way = closed_path(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
+        way = find_closed_path(robot, project_on_constraints(robot, q_start, every), q_goal, shares)
         if way is not None:
             return way
     qs = interpolate(robot, q_start, q_goal, shares)

@@ -194,7 +194,7 @@ class InverseDynamics:
         slopes = -self._losses(values)[1] * ratio * (1.0 - np.tanh(ratio) ** 2)
         return np.asarray(motion.G.transpose(0, 2, 1) * slopes[:, None])
 
-    def applied_torques(self, motion: JointMotion, u: Array) -> Array:
+    def compute_applied_torques(self, motion: JointMotion, u: Array) -> Array:
         """Torques of motors, springs and dampers on the independent coordinates, shape (K, n)."""
         forces = u @ self.robot.actuation.selection.T
         if self.robot.forces:
@@ -211,7 +211,7 @@ class InverseDynamics:
             return self._slopes_of_tree(motion, values)
 
         def rows(there: JointMotion) -> Array:
-            return self._torques(model, there, values) - self.applied_torques(there, u)
+            return self._torques(model, there, values) - self.compute_applied_torques(there, u)
 
         return self.differences(rows, motion)
 

@@ -224,10 +224,10 @@ class _Search:
             motion = self.motion(c)
         except InvalidValue:
             return None
-        values, (lower, upper) = self.bounded_values(motion), self.ranges
+        values, (lower, upper) = self.compute_bounded_values(motion), self.ranges
         return motion if ((values >= lower) & (values <= upper)).all() else None
 
-    def bounded_values(self, motion: JointMotion) -> Array:
+    def compute_bounded_values(self, motion: JointMotion) -> Array:
         """What limits are not linear in, by times.
 
         Torques of motors; of dependent joints rates, accelerations, rates by those of the others, positions.
@@ -247,7 +247,7 @@ class _Search:
         """Torques of the motors by the file's parameters."""
         still = np.zeros((len(motion.v), self.problem.robot.nu))
         needed = self.dynamics.regressor(motion) @ self.dynamics.values
-        return np.asarray(needed - self.dynamics.applied_torques(motion, still))
+        return np.asarray(needed - self.dynamics.compute_applied_torques(motion, still))
 
     @cached_property
     def linear(self) -> tuple[Array, Array]:
@@ -258,9 +258,12 @@ class _Search:
             pairs += [(row, np.tile(hi, len(hull))), (-row, np.tile(-lo, len(hull)))]
         return _stack(pairs)
 
-    def limited_rows(self, motion: JointMotion) -> tuple[Array, Array]:
+    def linearise_limits(self, motion: JointMotion) -> tuple[Array, Array]:
         """The other limits, linear about a motion: rows and upper bounds of changes."""
-        values, parts = (self.bounded_values(motion), self.dynamics.differences(self.bounded_values, motion))
+        values, parts = (
+            self.compute_bounded_values(motion),
+            self.dynamics.differences(self.compute_bounded_values, motion),
+        )
         finite = np.flatnonzero(np.isfinite(self.ranges).any(axis=0))
         blocks = [
             np.einsum("kc,kji->kjci", B, part[:, finite]) for B, part in zip(self.values, parts, strict=True)
@@ -281,7 +284,7 @@ class _Search:
         free, motion, box = np.flatnonzero(np.repeat(self.free, self.dynamics.n)), self.motion(c), 0.2
         best = _log_det(self.matrix(motion))
         for _ in range(rounds):
-            slope, (more, room) = self.slope(motion).ravel()[free], self.limited_rows(motion)
+            slope, (more, room) = self.slope(motion).ravel()[free], self.linearise_limits(motion)
             A = np.vstack([rows, more])[:, free]
             b = np.concatenate([np.maximum(upper - rows @ c.ravel(), 0.0), room])
             gain = 0.0

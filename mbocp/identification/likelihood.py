@@ -284,7 +284,7 @@ class Fit:
         motion = dynamics.motion(y, yd, ydd, near)
         full = dynamics.regressor(motion)
         columns = (full @ self.unknowns.shares)[:, :, self.base.chosen]
-        tau = dynamics.applied_torques(motion, data.u)
+        tau = dynamics.compute_applied_torques(motion, data.u)
         values = self.values_of(p[:rank])
         slopes = dynamics.slopes(motion, values, data.u)
         blocks, at = (np.arange(K), np.arange(K + 1))
@@ -373,7 +373,7 @@ def regression(
     """Base parameters by least squares along a motion that is taken for true."""
     full = dynamics.regressor(motion)
     columns = (full @ unknowns.shares)[:, :, base.chosen]
-    torques = dynamics.applied_torques(motion, u) - full @ unknowns.known
+    torques = dynamics.compute_applied_torques(motion, u) - full @ unknowns.known
     weights, (believed, sd) = np.ones(dynamics.n), beliefs(unknowns, base)
     for _ in range(2):
         A = np.vstack([(columns * weights[:, None]).reshape(-1, base.rank), np.diag(1.0 / sd)])

@@ -364,7 +364,7 @@ def _residuals(
     y, yd, ydd, _ = smooth(data, knots_for(data))
     y, dynamics = y + found.offsets, found.dynamics
     motion = dynamics.motion(y, yd, ydd, dynamics.follow(y) if near is None else near)
-    torques = dynamics.applied_torques(motion, data.u)
+    torques = dynamics.compute_applied_torques(motion, data.u)
     left, before = (
         torques - each.regressor(motion) @ values
         for each, values in ((dynamics, everything), (file, file.values))

@@ -64,7 +64,7 @@ def simulate_log(
     y, yd, ydd = around + size * y, size * yd, size * ydd
     motion = dynamics.motion(y, yd, ydd, dynamics.follow(y))
     still = np.zeros((len(t), robot.nu))
-    torques = dynamics.regressor(motion) @ dynamics.values - dynamics.applied_torques(motion, still)
+    torques = dynamics.regressor(motion) @ dynamics.values - dynamics.compute_applied_torques(motion, still)
     measured = y + position_noise * rng.standard_normal(y.shape)
     torques = torques + torque_noise * rng.standard_normal(y.shape)
     joints = {name: {"q": measured[:, k], "tau": torques[:, k]} for k, name in enumerate(dynamics.names)}

@@ -343,7 +343,7 @@ def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.F
     return ca.Function(name, inputs, [ca.densify(o) for o in outputs])
 
 
-def weighted_sum(row: Sequence[float | Fraction], vectors: Sequence[Affine]) -> Affine:
+def add_weighted(row: Sequence[float | Fraction], vectors: Sequence[Affine]) -> Affine:
     """Sum of vectors with the coefficients of a row of a tableau; of none it is zero."""
     terms = [float(a) * k for a, k in zip(row, vectors, strict=True) if a]
     zero = Affine(ca.SX.zeros(vectors[0].value.shape), {})

@@ -47,7 +47,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp.integrators.chain import Affine, Chain, dense_function, weighted_sum
+from mbocp.integrators.chain import Affine, Chain, add_weighted, dense_function
 from mbocp.integrators.pairs import PAIRS, Pair
 from mbocp.mechanics import JointMechanics
 
@@ -142,7 +142,7 @@ class PartitionedStep:
         rates = [stage.rate for stage in stages]
         momenta, slopes, carried, points = [], [], [], []
         for row, stage, u in zip(pair.a, stages, us, strict=True):
-            xi = links.times(chain, h, weighted_sum(row, rates))
+            xi = links.times(chain, h, add_weighted(row, rates))
             point = ChainNode(links.move(chain, before.q, xi), links.velocity(chain, xi, stage.rate))
             p, force = chain.apply(links.body, [point.q, point.v, u, *found], links.given)
             push = links.pushes(chain, point.q, stage.impulse, found) if self._mechanics.nc else ()
@@ -151,19 +151,19 @@ class PartitionedStep:
             slopes.append(_add(links.times(chain, h, pulled.slope), pulled.pushed))
             carried.append(_add(links.times(chain, h, pulled.carried), pulled.carried_push))
             points.append(point)
-        xi = links.times(chain, h, weighted_sum(pair.b, rates))
+        xi = links.times(chain, h, add_weighted(pair.b, rates))
         reached = links.move(chain, before.q, xi)
         (p1,) = chain.apply(links.momentum, [after.q, after.v, *found], links.given)
         in_chart, at_start = links.covectors(chain, xi, p1)
         # The same where configurations are vectors, but for the order in which unknowns are eliminated.
         begun = (
-            p0 if self._mechanics.is_vector_space else in_chart + weighted_sum([-b for b in pair.b], slopes)
+            p0 if self._mechanics.is_vector_space else in_chart + add_weighted([-b for b in pair.b], slopes)
         )
         return PartitionedRows(
             kinematic=self._gap(chain, after.q, reached),
-            momentum=p0 + weighted_sum(pair.b, carried) - at_start,
+            momentum=p0 + add_weighted(pair.b, carried) - at_start,
             stages=tuple(
-                begun + weighted_sum(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
+                begun + add_weighted(row, slopes) - own for row, own in zip(pair.a_hat, momenta, strict=True)
             ),
             constraints=self._constraints(chain, [point.q for point in points[1:-1]], after, h, found),
             points=tuple(points),

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbocp.integrators.chain import Affine, Chain, dense_function, weighted_sum
+from mbocp.integrators.chain import Affine, Chain, add_weighted, dense_function
 from mbocp.integrators.tableaux import TABLEAUX
 from mbocp.mechanics.forward import ForwardMechanics
 
@@ -104,14 +104,14 @@ class ExplicitStep:
         for row in self._tableau.a:
             s_i = _move(at.s, h, row, slopes_s)
             if any(row):
-                arguments = [at.z, h * weighted_sum(row, slopes_w), s_i, u]
+                arguments = [at.z, h * add_weighted(row, slopes_w), s_i, u]
                 slope_w, slope_s = chain.apply(self._links.in_algebra, arguments, [rates])
             else:
                 slope_w, slope_s = chain.apply(self._links.at_identity, [at.z, s_i, u], [rates])
             slopes_w.append(slope_w)
             slopes_s.append(slope_s)
         b = self._tableau.b
-        (z,) = chain.apply(self._links.exponential, [at.z, h * weighted_sum(b, slopes_w)])
+        (z,) = chain.apply(self._links.exponential, [at.z, h * add_weighted(b, slopes_w)])
         return CoordinateState(z, _move(at.s, h, b, slopes_s))
 
 
@@ -148,4 +148,4 @@ class _Links:
 
 
 def _move(base: Affine, h: ca.SX, row: Sequence[Fraction], slopes: Sequence[Affine]) -> Affine:
-    return base + h * weighted_sum(row, slopes) if any(row) else base
+    return base + h * add_weighted(row, slopes) if any(row) else base

@@ -33,7 +33,7 @@ import casadi as ca
 
 from mbocp.integrators.euler import Difference, State, StepRows, evaluation_point, kinematic_velocity
 from mbocp.mechanics import Mechanics
-from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, write_held_jacobian, write_held_rows
 
 
 class ActiveForces(NamedTuple):
@@ -57,14 +57,14 @@ class ActiveForces(NamedTuple):
     given: ca.SX
 
 
-def switched_point(
+def evaluate_switched_point(
     mechanics: Mechanics, scheme: str, before: State, after: State, dt: ca.SX, switched: ActiveForces
 ) -> State:
     """State at which forces and running cost are evaluated."""
     return evaluation_point(mechanics, scheme, before, after, (1 - switched.is_impact) * dt)
 
 
-def switched_rows(
+def write_switched_rows(
     mechanics: Mechanics,
     scheme: str,
     before: State,
@@ -92,10 +92,12 @@ def switched_rows(
     if not switched.is_impact.is_zero():  # what gravity does in no time
         still = ca.SX.zeros(mechanics.nv)
         inertial -= switched.is_impact * mechanics.inverse_dynamics(at.q, still, still)
-    jacobian = ca.vertcat(mechanics.constraint_jacobian(at.q), held_jacobian(switched.held, mechanics, at.q))
+    jacobian = ca.vertcat(
+        mechanics.constraint_jacobian(at.q), write_held_jacobian(switched.held, mechanics, at.q)
+    )
     momentum = dt * (goes * mechanics.force(at.q, at.v, u) - inertial) - jacobian.T @ impulse
     places = ca.vertcat(
-        mechanics.constraints(after.q), held_rows(switched.held, mechanics, after.q, before.q)
+        mechanics.constraints(after.q), write_held_rows(switched.held, mechanics, after.q, before.q)
     )
     rows = goes * places / dt + switched.is_impact * (jacobian @ after.v)
     others = impulse - switched.given

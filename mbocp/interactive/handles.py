@@ -75,7 +75,7 @@ def pose_handles(problem: Problem) -> list[PoseHandle]:
         return []
     robot, goal = problem.robot, problem.goal
     found = [_of_frame(problem, place) for place, frame in enumerate(goal.frames) if frame.has_pose]
-    found += [_of_body(robot, joint) for joint in _asked_joints(problem) if _is_body(robot, joint)]
+    found += [_of_body(robot, joint) for joint in _find_asked_joints(problem) if _is_body(robot, joint)]
     has_tool = robot.trace_frames and goal.q_active.all() and robot.nv >= _FULL_POSE
     return found or ([_of_tool(robot)] if has_tool else [])
 
@@ -85,13 +85,13 @@ def joint_handles(problem: Problem) -> list[JointHandle]:
     if problem.goals:
         return []
     robot = problem.robot
-    return [_of_joint(problem, name) for name in _asked_joints(problem) if _joint(robot, name).nv == 1]
+    return [_of_joint(problem, name) for name in _find_asked_joints(problem) if _joint(robot, name).nv == 1]
 
 
 _FULL_POSE = 6  # velocities without which a tool cannot be anywhere, however turned
 
 
-def _asked_joints(problem: Problem) -> list[str]:
+def _find_asked_joints(problem: Problem) -> list[str]:
     robot, active = problem.robot, problem.goal.q_active
     names = [name for name in robot.joint_names if _joint(robot, name).nv > 0]
     return [name for name in names if active[robot.velocity_indices(name)].all()]

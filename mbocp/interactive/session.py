@@ -117,7 +117,11 @@ class Live:
             show_logo=False, show_share_button=False, control_width="medium", brand_color=ACCENT
         )
         self._scene = LiveScene(
-            self._server, problem.robot, self._motion(), goals=_fixed_goals(problem), marks=marks_of(problem)
+            self._server,
+            problem.robot,
+            self._motion(),
+            goals=_find_fixed_goals(problem),
+            marks=marks_of(problem),
         )
         self._time, self._shown, self._end_until, self._is_dragged = 0.0, 0.0, 0.0, False
         self._closed = threading.Event()
@@ -229,7 +233,7 @@ class Live:
         self._weights: list[Any] = []
         self._status = gui.add_markdown("")
         self._tell()
-        with gui.add_folder("PlacementSamples"):
+        with gui.add_folder("Motion"):
             self._plays = gui.add_checkbox("Play", True)
             self._speed = gui.add_slider("Speed", 0.1, 2.0, 0.1, 1.0)
             self._clock = gui.add_slider("Time [s]", 0.0, max(duration, 1e-3), 1e-3, 0.0)
@@ -296,11 +300,11 @@ class Live:
                 disable_rotations=not pose.turns,
                 depth_test=False,
             )
-            handle.on_update(self._dragging(pose, handle))
+            handle.on_update(self._handle_drag(pose, handle))
             self._poses.append((pose, handle))
         self._place_handles()
 
-    def _dragging(self, pose: PoseHandle, handle: Any) -> Callable[[Any], None]:
+    def _handle_drag(self, pose: PoseHandle, handle: Any) -> Callable[[Any], None]:
         def drag(event: Any) -> None:
             with self._lock:
                 self._is_dragged = event.phase != "end"
@@ -358,7 +362,7 @@ class Live:
         self._status.content = f"{mark}{answer.state}**{words}{rest}"
 
 
-def _fixed_goals(problem: Problem) -> list[Any]:
+def _find_fixed_goals(problem: Problem) -> list[Any]:
     """Poses of goals that have no handle."""
     if not problem.goals:
         return []

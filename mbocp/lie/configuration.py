@@ -102,7 +102,7 @@ class ConfigurationSpace:
         )
         return ca.vertcat(ca.SX.zeros(0, 1), *between)
 
-    def weighed_parts(self, weights: Array) -> tuple[int, ...]:
+    def find_weighed_parts(self, weights: Array) -> tuple[int, ...]:
         """Parts in whose tangent directions a weight is not zero."""
         return tuple(i for i, part in enumerate(self.parts) if np.any(weights[part.at_v]))
 

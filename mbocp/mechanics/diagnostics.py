@@ -53,13 +53,15 @@ def control_momenta(
     for name, array, width in widths:
         if array.shape != (nodes, width):
             raise DimensionMismatch(name, array.shape, (nodes, width))
-    symmetries = kept_symmetries(robot, tracked, weighs_changes=weighs_changes)
+    symmetries = find_kept_symmetries(robot, tracked, weighs_changes=weighs_changes)
     columns = [momentum_map(s, qs, vs, costates) for s in symmetries]
     momenta: Array = np.array(columns).T if columns else np.zeros((nodes, 0))
     return momenta, tuple(s.name for s in symmetries)
 
 
-def kept_symmetries(robot: Robot, tracked: Any = None, *, weighs_changes: bool = False) -> list[Symmetry]:
+def find_kept_symmetries(
+    robot: Robot, tracked: Any = None, *, weighs_changes: bool = False
+) -> list[Symmetry]:
     """Symmetries of the robot that the running cost keeps; parameters and errors of `control_momenta`."""
     mask = np.zeros(2 * robot.nv, dtype=bool) if tracked is None else np.asarray(tracked, dtype=bool)
     if mask.shape != (2 * robot.nv,):

@@ -19,7 +19,7 @@ from mbocp._arrays import Array
 from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Robot
 from mbocp.robot.kinematics import any_singular, mass_matrices
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 
 def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
@@ -27,7 +27,7 @@ def momentum_derivative(robot: Robot, q: Array, v: Array) -> Array:
     if len(robot.model.mimicking_joints):  # Pinocchio's derivatives refuse them
         return _momentum_derivative(robot)(q, v).full()
     model, zero = robot.model, np.zeros(robot.nv)
-    data = working_data(model)  # what Pinocchio returns points into it
+    data = make_working_data(model)  # what Pinocchio returns points into it
     # M(q) v is what an acceleration v takes at rest, less gravity.
     derivative: Array = pin.computeRNEADerivatives(model, data, q, zero, np.asarray(v))[0].copy()
     derivative -= pin.computeGeneralizedGravityDerivatives(model, data, q)

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp.exceptions import UnsupportedRobot
-from mbocp.mechanics.held_frames import ActiveRows, held_jacobian
+from mbocp.mechanics.held_frames import ActiveRows, write_held_jacobian
 from mbocp.mechanics.joint_mechanics import JointMechanics
 from mbocp.robot import Robot
 
@@ -96,7 +96,7 @@ class ForwardMechanics(JointMechanics):
         """Multipliers lambda of the holonomic constraints, shape (nc,)."""
         return self._lambda(q, v, self.forward_dynamics(q, v, self.force(q, v, u)), gamma)
 
-    def projected_velocity(self, q: ca.SX, v: ca.SX) -> ca.SX:
+    def project_velocity(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """The velocity that keeps the constraints and is nearest to v in kinetic energy, shape (nv,)."""
         if self.num_tied == 0:
             return v
@@ -109,7 +109,7 @@ class ForwardMechanics(JointMechanics):
         own = self.constraint_jacobian(q)
         if self._acting is None:
             return own
-        held = held_jacobian(self._acting.held if self._acting.rows else (), self, q)
+        held = write_held_jacobian(self._acting.held if self._acting.rows else (), self, q)
         return ca.vertcat(own[list(self._acting.own), :], held[list(self._acting.rows), :])
 
     def _lambda(self, q: ca.SX, v: ca.SX, free: ca.SX, gamma: ca.SX) -> ca.SX:

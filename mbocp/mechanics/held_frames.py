@@ -92,32 +92,32 @@ class ActiveRows:
         return {"held": held, "own": self.own, "rows": self.rows}
 
 
-def held_labels(held: Sequence[HeldFrame]) -> tuple[Label, ...]:
+def label_held(held: Sequence[HeldFrame]) -> tuple[Label, ...]:
     """Name and unit of each row of all of them."""
     return tuple(label for frame in held for label in frame.rows)
 
 
-def held_rows(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
+def write_held_rows(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX, anchor: ca.SX) -> ca.SX:
     """Phi(q; anchor) of all held frames, one below the other [m, rad]."""
     return ca.vertcat(ca.SX.zeros(0, 1), *(_rows(frame, mechanics, q, anchor) for frame in held))
 
 
-def held_jacobian(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX) -> ca.SX:
+def write_held_jacobian(held: Sequence[HeldFrame], mechanics: Mechanics, q: ca.SX) -> ca.SX:
     """J(q) of all held frames in tangent coordinates, shape (rows, nv)."""
     if not held:
         return ca.SX.zeros(0, mechanics.nv)
     at, anchor = ca.SX.sym("q", mechanics.nq), ca.SX.sym("anchor", mechanics.nq)
-    jacobian = ca.jacobian(held_rows(held, mechanics, at, anchor), at) @ mechanics.tangent_map(at)
+    jacobian = ca.jacobian(write_held_rows(held, mechanics, at, anchor), at) @ mechanics.tangent_map(at)
     return ca.Function("held", [at, anchor, mechanics.symbols], [jacobian])(q, q, mechanics.symbols)
 
 
-def held_jacobians(robot: Robot, held: Sequence[HeldFrame], qs: Array) -> Array:
+def compute_held_jacobians(robot: Robot, held: Sequence[HeldFrame], qs: Array) -> Array:
     """J at n configurations, shape (n, rows, nv)."""
     found = _along(_functions(robot, tuple(held))[1], qs).reshape(len(qs), robot.nv, -1)
     return np.ascontiguousarray(found.transpose(0, 2, 1))
 
 
-def held_residuals(robot: Robot, held: Sequence[HeldFrame], qs: Array, anchors: Array) -> Array:
+def compute_held_residuals(robot: Robot, held: Sequence[HeldFrame], qs: Array, anchors: Array) -> Array:
     """Phi at n configurations from n anchors, shape (n, rows) [m, rad]."""
     return _along(_functions(robot, tuple(held))[0], qs, anchors)
 
@@ -143,7 +143,7 @@ def _along(function: ca.Function, *arguments: Array) -> Array:
 def _functions(robot: Robot, held: tuple[HeldFrame, ...]) -> tuple[ca.Function, ca.Function]:
     mechanics = JointMechanics(robot)
     q, anchor = ca.SX.sym("q", robot.nq), ca.SX.sym("anchor", robot.nq)
-    rows, jacobian = held_rows(held, mechanics, q, anchor), held_jacobian(held, mechanics, q)
+    rows, jacobian = write_held_rows(held, mechanics, q, anchor), write_held_jacobian(held, mechanics, q)
     return (
         ca.Function("rows", [q, anchor], [ca.densify(rows)]),
         ca.Function("jacobian", [q], [ca.densify(jacobian)]),

@@ -25,7 +25,7 @@ _MAX_NEWTON_STEPS = 12  # quadratic: three are typical
 _MIN_INDEPENDENCE = 0.05  # part of each motion along the constraints that a driving joint makes
 
 
-def closed_path(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
+def find_closed_path(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> Array | None:
     """Configurations from start to goal, the loops closed at each.
 
     The joints that drive the mechanism, those with motors first, move on a straight line; the others follow.
@@ -44,7 +44,7 @@ def closed_path(robot: Robot, q_start: Array, q_goal: Array, shares: Array) -> A
     """
     if np.abs(robot.difference(q_start, q_goal)).max(initial=0.0) > MAX_PATH_LENGTH:
         return None
-    driving = driving_joints(robot, q_start)
+    driving = find_driving_joints(robot, q_start)
     qs = path_towards(robot, q_start, q_goal, driving, shares)
     has_arrived = qs is not None and np.abs(robot.difference(qs[-1], q_goal)).max() <= ARRIVAL_TOLERANCE
     return qs if has_arrived else None
@@ -92,7 +92,7 @@ def constraint_jacobians(robot: Robot, qs: Array) -> Array:
     return columns.full().reshape(robot.nc, len(qs), robot.nv).transpose(1, 0, 2)
 
 
-def driving_joints(robot: Robot, q: Array) -> BoolArray:
+def find_driving_joints(robot: Robot, q: Array) -> BoolArray:
     """Velocity components of joints that determine the motion of the mechanism, those with a motor first."""
     basis = null_space(robot.constraint_jacobian(q), RANK_TOLERANCE)
     chosen = np.zeros(robot.nv, dtype=np.bool_)

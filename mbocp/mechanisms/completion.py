@@ -11,7 +11,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._text import quote_all
 from mbocp._tolerances import ARRIVAL_TOLERANCE
 from mbocp.exceptions import InconsistentStart, LoopNotClosed, UnreachableGoal
-from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, driving_joints, path_towards
+from mbocp.mechanisms.closed_path import MAX_PATH_LENGTH, find_driving_joints, path_towards
 from mbocp.mechanisms.consistent_states import (
     CONSISTENCY_TOLERANCE,
     check_position,
@@ -71,7 +71,7 @@ def close_loops(
         return found
 
 
-def assembled_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, assemble: bool) -> Array:
+def assemble_velocity(robot: Robot, q: Array, v: Array, active: BoolArray, *, assemble: bool) -> Array:
     """Return `v` along the constraints: the velocities that were not written follow from the others."""
     if not robot.nc or np.abs(robot.constraint_jacobian(q) @ v).max() <= CONSISTENCY_TOLERANCE:
         return v
@@ -192,7 +192,7 @@ def _check_mode(robot: Robot, q_start: Array, q: Array) -> None:
     """Refuse a goal that no path from the start reaches: straight, by the driving joints, or by a search."""
     everything = np.ones(robot.nv, dtype=np.bool_)
     nearest = q_start
-    for wanted in (everything, driving_joints(robot, q_start)):
+    for wanted in (everything, find_driving_joints(robot, q_start)):
         reached = follow(robot, q_start, q, wanted)
         if distance(robot, reached, q, everything) <= ARRIVAL_TOLERANCE:
             return

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from mbocp._arrays import Array, BoolArray, null_space, spanning_rows
+from mbocp._arrays import Array, BoolArray, null_space, select_spanning_rows
 from mbocp._tolerances import ARRIVAL_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart
-from mbocp.mechanics.held_frames import HeldFrame, held_jacobians
+from mbocp.mechanics.held_frames import HeldFrame, compute_held_jacobians
 from mbocp.robot import Robot
 from mbocp.robot.loops.projection import follow, gauss_newton, violations
 
@@ -180,7 +180,7 @@ def tangent_space(robot: Robot, q: Array) -> Array:
     return null_space(robot.constraint_jacobian(q), RANK_TOLERANCE)
 
 
-def allowed_velocities(robot: Robot, q: Array) -> Array:
+def span_allowed_velocities(robot: Robot, q: Array) -> Array:
     """Directions that span the velocities which constraints and drives allow at q, shape (nv, any)."""
     if not robot.drives:
         return tangent_space(robot, q)
@@ -220,7 +220,7 @@ def find_independent_rows(
     if not wanted.any():
         return wanted
     qs = poses_around(robot, q)
-    jacobians = held_jacobians(robot, held, qs)[:, wanted]
+    jacobians = compute_held_jacobians(robot, held, qs)[:, wanted]
     loops = np.array([robot.constraint_jacobian(at)[own] for at in qs]).reshape(len(qs), -1, robot.nv)
     best = max((_independent(*pair) for pair in zip(loops, jacobians, strict=True)), key=len)
     found = np.zeros_like(wanted)
@@ -247,7 +247,7 @@ def _independent(given: Array, jacobian: Array) -> list[int]:
         _, values, right = np.linalg.svd(_unit(given), full_matrices=False)
         right = right[values > _RANK_TOLERANCE]
         rest = rest - rest @ right.T @ right
-    return spanning_rows(rest, _RANK_TOLERANCE)
+    return select_spanning_rows(rest, _RANK_TOLERANCE)
 
 
 def _unit(rows: Array) -> Array:

@@ -20,8 +20,8 @@ from mbocp.formulation import Formulation, formulate
 from mbocp.guesses.around import ways_around
 from mbocp.guesses.make import kinds_in_turn, make_guess
 from mbocp.guesses.starts import start_guesses
-from mbocp.guesses.straight_line import driven_line, is_whole, line
-from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, through, turned_ways
+from mbocp.guesses.straight_line import drive_line, is_whole, line
+from mbocp.guesses.ways import Way, branch_ways, middle_of_line, random_way, through, turn_ways
 from mbocp.job import Warm
 from mbocp.problem import Guess, Problem
 from mbocp.programme.iterate import IterateRecord
@@ -65,7 +65,7 @@ class Candidate:
         if way is None or self.start is not None:
             return problem, self.start
         if problem.clearance is None:
-            make = driven_line if problem.robot.drives else line
+            make = drive_line if problem.robot.drives else line
             return problem, IterateRecord.of(make(formulation, way), formulation.programme)
         qs = way(problem.q_start, np.linspace(0.0, 1.0, _CORNERS))
         goal = replace(problem.goal, q=qs[-1])
@@ -82,7 +82,7 @@ def candidates(formulation: Formulation, place: int | None, most: int) -> list[C
         others = (_swings(problem), _random_ways(problem))
     else:  # random ways lead through obstacles
         others = (_sides(problem), ways_around(problem, _AROUND))
-    ways = chain(branch_ways(problem, _RESTARTS), _alternate([turned_ways(formulation), *others]))
+    ways = chain(branch_ways(problem, _RESTARTS), _alternate([turn_ways(formulation), *others]))
     found = (Candidate(words, problem, way, place) for words, way in ways)
     kinds = _other_kinds(formulation, place) if formulation.programme.easing is not None else ()
     return [own, *islice(chain(kinds, found), most - 1)]

@@ -141,7 +141,7 @@ def count_open_edges(faces: Indices) -> int:
     return int(np.count_nonzero(turns))
 
 
-def enclosed_body(vertices: Array, faces: Indices, apex: Array | None = None) -> pin.Inertia:
+def measure_enclosed_body(vertices: Array, faces: Indices, apex: Array | None = None) -> pin.Inertia:
     """Volume, its centre and its moments about it, of a closed surface.
 
     Parameters

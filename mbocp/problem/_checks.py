@@ -13,7 +13,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._keys import Check
 from mbocp._text import show
-from mbocp.exceptions import InvalidValue, UnknownFrame
+from mbocp.exceptions import InvalidValue, UnknownFrame, locate
 from mbocp.robot.parts import Label
 
 if TYPE_CHECKING:
@@ -30,11 +30,8 @@ class ProblemWarning(UserWarning):
 
 def check_frame(key: str, robot: RobotModel, name: str) -> int:
     """Return the index of a frame; an unknown one is refused at the key."""
-    try:
+    with locate(key, UnknownFrame):
         return robot.frame_id(name)
-    except UnknownFrame as error:
-        error.args = (f"{key}: {error}",)
-        raise
 
 
 def check_bool(name: str, value: Any) -> bool:

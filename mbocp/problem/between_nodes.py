@@ -34,7 +34,7 @@ from mbocp.problem.paths_between_nodes import (
     tolerances_within,
 )
 from mbocp.problem.problem import Problem
-from mbocp.problem.speed_lines import kind_of, over_speed, speed_lines, steps_held
+from mbocp.problem.speed_lines import find_steps_held, kind_of, over_speed, speed_lines
 from mbocp.problem.step_cubics import StepCubics, move_along
 from mbocp.problem.step_flow import StepFlow
 from mbocp.robot import Label
@@ -317,7 +317,7 @@ class _Steps:
         Where the robot does not follow cubics, at the begins alone, with the means of accelerations.
         """
         problem = self.problem
-        held = steps_held(path, problem)[steps]
+        held = find_steps_held(path, problem)[steps]
         if not held.any():
             return
         shares = np.linspace(0.0, 1.0, _PLACES) if is_followed(problem) else np.zeros(1)

@@ -14,7 +14,8 @@ import numpy as np
 
 from mbocp._arrays import dataclass, frozen_array, plain
 from mbocp._text import printable
-from mbocp.problem.file.messages import in_file, locate
+from mbocp.exceptions import locate
+from mbocp.problem.file.messages import in_file
 from mbocp.problem.file.read_tables import READ, ProblemTable, read_tables
 from mbocp.problem.pipeline import run_steps
 from mbocp.robot import Robot

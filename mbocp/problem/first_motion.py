@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, BoolArray, dataclass, spanning_rows
+from mbocp._arrays import Array, BoolArray, dataclass, select_spanning_rows
 from mbocp._text import list_names
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _ANGLE = 0.5  # [rad] by which joints turn at most
 _LENGTH = 0.2  # [m] by which they slide at most
@@ -100,11 +100,11 @@ def _hovers(robot: Robot, q: Array) -> bool:
     """Whether controls carry a base that floats where it is, and so at every place."""
     if joint_kind(robot.model, 1).word != "floating" or robot.nc or robot.drives:
         return False
-    held = holding_controls(robot, q)
+    held = find_holding_controls(robot, q)
     return held is not None and bool(held.any())
 
 
-def holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) -> Array | None:
+def find_holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) -> Array | None:
     """Controls that hold a pose, or accelerate in it from rest; None if none do.
 
     Parameters
@@ -120,11 +120,8 @@ def holding_controls(robot: Robot, q: Array, acceleration: Array | None = None) 
         The smallest ones [N, N m].
     """
     still = np.zeros(robot.nv)
-    wanted = np.array(
-        pin.rnea(
-            robot.model, working_data(robot.model), q, still, still if acceleration is None else acceleration
-        )
-    )
+    a = still if acceleration is None else acceleration
+    wanted = np.array(pin.rnea(robot.model, make_working_data(robot.model), q, still, a))
     wanted = wanted - robot.force_elements(q, still)
     forces = forces_at(robot, q)
     found = np.linalg.lstsq(forces, wanted, rcond=None)[0]
@@ -164,7 +161,7 @@ def _with_motors(robot: Robot) -> BoolArray:
     has: BoolArray = np.any(selection, axis=1)
     if has.sum() > selection.shape[1]:  # one moves several
         has[:] = False
-        has[spanning_rows(selection, RANK_TOLERANCE)] = True
+        has[select_spanning_rows(selection, RANK_TOLERANCE)] = True
     has[list(robot.driven)] = True
     for joint in range(1, robot.model.njoints):
         j = robot.model.joints[joint]
@@ -281,7 +278,7 @@ def _load(robot: Robot, motion: FirstMotion, duration: float) -> tuple[float, in
     for s in np.linspace(0.0, 1.0, _SAMPLES):
         q = np.array(robot.integrate(motion.q_start, way * (3.0 * s**2 - 2.0 * s**3)))
         bend = way * (6.0 - 12.0 * s) / duration**2 if math.isfinite(duration) else np.zeros(robot.nv)
-        u = holding_controls(robot, q if not robot.nc or s in (0.0, 1.0) else motion.q_start, bend)
+        u = find_holding_controls(robot, q if not robot.nc or s in (0.0, 1.0) else motion.q_start, bend)
         if u is None:
             continue
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -21,7 +21,7 @@ from mbocp.problem._checks import (
     positive,
     whole,
 )
-from mbocp.solvers.added import added_solvers
+from mbocp.solvers.added import find_added_solvers
 from mbocp.solvers.options import ADJOINTS, GLOBALISATIONS, HESSIANS, LINEAR_SOLVERS, LOOPS, METHODS, Options
 from mbocp.terms.written import Finite
 
@@ -117,7 +117,7 @@ def _tolerance(key: str, value: Any) -> float:
 
 def _method(key: str, value: Any) -> str:
     known = value in METHODS
-    return check_choice(key, value, METHODS if known else (*METHODS, *sorted(added_solvers().names)))
+    return check_choice(key, value, METHODS if known else (*METHODS, *sorted(find_added_solvers().names)))
 
 
 def _threshold(key: str, value: Any) -> float:

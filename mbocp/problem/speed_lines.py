@@ -75,7 +75,7 @@ def speed_lines(problem: Problem) -> tuple[SpeedLines, ...]:
     return tuple(lines for lines in found if lines is not None)
 
 
-def steps_held(path: PathConstraint, problem: Problem) -> BoolArray:
+def find_steps_held(path: PathConstraint, problem: Problem) -> BoolArray:
     """At both ends of which steps a constraint holds, shape (N,)."""
     at_nodes = np.append(path.span.has_start, path.span.nodes(problem.num_steps, problem.dt))
     return at_nodes[:-1] & at_nodes[1:]

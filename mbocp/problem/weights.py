@@ -14,7 +14,7 @@ from mbocp._arrays import Array, BoolArray, dataclass, frozen_array
 from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
 from mbocp.problem._checks import check_finite, check_non_negative, check_number
 from mbocp.robot import Robot
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.terms.cost import RunningCost, WeightedCost
 from mbocp.terms.kinds import COST_TERMS, EffortAboutGravity, Energy
 
@@ -234,7 +234,7 @@ def typical_force(
     T = duration
     away = np.where(is_asked, np.abs(robot.difference(q_start, q_goal)), 0.0)
     accelerations = np.maximum(4.0 * away / T**2, np.abs(v_start) / T)
-    data, still = working_data(robot.model), np.zeros(robot.nv)
+    data, still = make_working_data(robot.model), np.zeros(robot.nv)
     found = 0.0
     bent = robot.integrate(q_start, np.full(robot.nv, _BEND))
     for q in (q_start, np.asarray(q_goal), np.asarray(bent)):

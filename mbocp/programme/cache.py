@@ -45,7 +45,7 @@ def cache_folder() -> Path:
     holds for a folder from which nothing can be executed.
     """
     try:
-        folder = _named_folder()
+        folder = _find_named_folder()
     except RuntimeError as error:  # the system knows no home of this user
         return private_folder(Path("~/.cache/mbocp/stages"), str(error))
     try:
@@ -220,7 +220,7 @@ def _room_in(folder: Path, limit: int) -> _Room:
     return _Room()
 
 
-def _named_folder() -> Path:
+def _find_named_folder() -> Path:
     named = os.environ.get("MBOCP_CACHE_DIR")
     if named:
         return Path(named) / "stages"

@@ -57,14 +57,14 @@ def compiler() -> tuple[str, ...] | None:
     InvalidValue
         If $CC has a quote that does not end.
     """
-    for words in (_named_compiler(), ["cc"], ["gcc"], ["clang"]):
+    for words in (_read_named_compiler(), ["cc"], ["gcc"], ["clang"]):
         found = shutil.which(words[0]) if words else None
         if found:
             return (found, *words[1:])
-    return _packaged_compiler()
+    return _find_packaged_compiler()
 
 
-def _packaged_compiler() -> tuple[str, ...] | None:
+def _find_packaged_compiler() -> tuple[str, ...] | None:
     """Clang with headers and libraries as a Python package, for the oldest glibc that it knows."""
     if find_spec("ziglang") is None:
         return None
@@ -74,7 +74,7 @@ def _packaged_compiler() -> tuple[str, ...] | None:
     return (sys.executable, "-m", "ziglang", "cc", "-target", target, "-fno-sanitize=undefined")
 
 
-def _named_compiler() -> list[str]:
+def _read_named_compiler() -> list[str]:
     """Words of $CC; one that is as it stands the path of a program is not taken apart."""
     named = os.environ.get("CC", "")
     if shutil.which(named):

@@ -114,7 +114,7 @@ class Kernel(Protocol):
 @cache
 def kernel() -> Kernel:
     """The kernel module: the AVX2 build where the processor has it, else the portable one."""
-    with loading_native("kernel"):
+    with explain_native_loading("kernel"):
         if has_avx2():
             from mbocp._native import _kernel_avx2
 
@@ -125,13 +125,13 @@ def kernel() -> Kernel:
 
 def nlp_helpers() -> ModuleType:
     """The module that helps interior-point solvers."""
-    with loading_native():
+    with explain_native_loading():
         from mbocp._native import _nlp
     return _nlp
 
 
 @contextmanager
-def loading_native(what: str = "part") -> Iterator[None]:
+def explain_native_loading(what: str = "part") -> Iterator[None]:
     """Around imports of native modules: an error that says how to build what cannot be loaded."""
     try:
         with signals_wait():  # what begins a module aborts where an exception breaks it off

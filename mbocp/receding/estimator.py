@@ -15,8 +15,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem
 from mbocp.problem._checks import check_integer
 from mbocp.receding.estimate import Estimate
-from mbocp.receding.estimator_functions import EstimatorLayout, load_estimator_functions
-from mbocp.receding.estimator_kernel import estimator_kernel
+from mbocp.receding.estimator_functions import EstimatorLayout, load_estimator_functions, make_kernel
 from mbocp.receding.given import (
     MICROSECOND,
     MOST_ITERATIONS,
@@ -135,7 +134,7 @@ class MovingHorizonEstimator:
         self._functions = load_estimator_functions(own, self._unknowns, has_v="v" in measured)
         of = self._functions.stage_function
         self._linear, self._difference, self._retract = of("linear"), of("difference"), of("retract")
-        self._programme, self._horizon = estimator_kernel(self._functions, at, len(self._samples.rows))
+        self._programme, self._horizon = make_kernel(self._functions, at, len(self._samples.rows))
         self._root = self._root_before = np.zeros((at.ndx, at.ndx))  # L of the first step, and of the newest
         self._x = self._start(own.q0, np.zeros(at.nv))  # mean at the first step
         self._u = np.zeros(at.nu)

@@ -1,4 +1,4 @@
-r"""Functions of a stage of an estimator, for the kernel.
+r"""Functions of a stage of an estimator, for the kernel, and its loop there.
 
 A state is x = (q, v, p), with the constants p of the robot. A stage moves it by noise w and then by a step of
 second order of the mechanics, of length h:
@@ -22,18 +22,25 @@ import hashlib
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import casadi as ca
+import numpy as np
 
 from mbocp._arrays import dataclass
 from mbocp.formulation.signature import sources_digest
 from mbocp.mechanics import JointMechanics
 from mbocp.programme.compilation import CompiledFunctions, load_functions
+from mbocp.programme.native_modules import kernel
 from mbocp.receding import unknowns as own_unknowns
 from mbocp.receding.unknowns import Constant, friction_in, payload_forces
 from mbocp.robot import Robot
 
+if TYPE_CHECKING:
+    from mbocp.programme.native_modules import KernelHorizon, KernelProgramme
+
 NUM_MOMENTS = 5  # S_0 to S_4
+_TOLERANCE = 1e-9  # of a Gauss-Newton step, in the units of states and noise
 
 
 @dataclass(frozen=True)
@@ -253,3 +260,30 @@ class _Stage:
         (at_base,) = ca.Function("base", symbols, base[1:]).call(there)
         function = ca.Function("at_zero", [*symbols, base[0]], expressions)
         return list(function.call([*there, at_base]))
+
+
+def make_kernel(
+    functions: CompiledFunctions, at: EstimatorLayout, num_stages: int
+) -> tuple[KernelProgramme, KernelHorizon]:
+    """Make a programme of so many stages, and the loop that moves it on; both are all zeros."""
+    native, of = kernel(), functions.stage_function
+    kind = native.Kind(
+        nx=at.nx,
+        ndx=at.ndx,
+        ny=0,
+        nu=at.nw,
+        nr=at.num_rho,
+        values=of("values"),
+        jacobian=of("jacobian"),
+        complete=of("complete"),
+        scale_c=np.ones(at.ndx),
+        scale_y=np.zeros(0),
+        scale_m=np.ones(at.ndx),
+        scale_ru=np.ones(at.nw),
+    )
+    end = native.Terminal(ng=0, values=of("terminal_values"), complete=of("terminal_complete"))
+    programme = native.Programme(num_stages, kind, end, of("retract"), of("difference"))
+    horizon = native.RecedingHorizon(
+        programme, tolerance=_TOLERANCE, barrier=0.0, shift_unit=1.0, augmentation=0.0
+    )
+    return programme, horizon

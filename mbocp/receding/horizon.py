@@ -29,7 +29,7 @@ from mbocp.robot import Robot
 from mbocp.solution import Solution
 from mbocp.solution.from_files import problem_from
 from mbocp.solvers import Status
-from mbocp.solvers.receding import RecedingSettings, loop_of, receding_horizon
+from mbocp.solvers.receding import RecedingSettings, loop_of, make_receding_horizon
 from mbocp.solvers.strategies.patience import Patience
 
 _WHOLE = 1e-6  # of a step: times that are as good as whole ones
@@ -128,7 +128,9 @@ class RecedingHorizon:
         check_functions(self._formulation)
         iterate = _solve(self._formulation, warm_start)
         self._settings = RecedingSettings(barrier, tolerance)
-        self._native, self._programme = receding_horizon(self._formulation.programme, iterate, self._settings)
+        self._native, self._programme = make_receding_horizon(
+            self._formulation.programme, iterate, self._settings
+        )
         self._has_limits = bool(self._programme.slack.size)
         self._numbers = ParameterUpdates(self._formulation)
         differ = self.problem.phase or self.problem.via

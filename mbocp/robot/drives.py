@@ -38,14 +38,14 @@ def _drive_columns(model: pin.Model, drive: Drive, qs: Array) -> Array:
     return columns
 
 
-def moved_joints(robot: RobotModel, dofs: Sequence[int]) -> list[str]:
+def name_moved_joints(robot: RobotModel, dofs: Sequence[int]) -> list[str]:
     """Names of the joints that velocity components belong to."""
     return robot.joints_with(np.isin(np.arange(robot.nv), dofs))
 
 
 def name_joints(robot: RobotModel, dofs: Sequence[int]) -> str:
     """Name these joints for a message."""
-    return quote_all(moved_joints(robot, dofs))
+    return quote_all(name_moved_joints(robot, dofs))
 
 
 def speed_maps(robot: RobotModel, qs: Array) -> Array:

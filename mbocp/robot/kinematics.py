@@ -13,7 +13,7 @@ import pinocchio as pin
 from mbocp._arrays import Array, IntArray
 from mbocp.exceptions import UnknownFrame
 from mbocp.robot import joints
-from mbocp.robot.large import composite_mass_matrix, is_large, working_data
+from mbocp.robot.large import composite_mass_matrix, is_large, make_working_data
 from mbocp.robot.parts import Connector, QuarticSpring, SpringDamper
 
 WORLD = "world"
@@ -76,7 +76,7 @@ def mass_matrices(model: pin.Model, qs: Array) -> Array:
         return np.array([_mass_columns(model, q) for q in qs])
     if is_large(model):
         return np.array([composite_mass_matrix(model, q) for q in qs])
-    data, found = working_data(model), np.empty((len(qs), model.nv, model.nv))
+    data, found = make_working_data(model), np.empty((len(qs), model.nv, model.nv))
     for node, q in enumerate(qs):
         found[node] = pin.crba(model, data, q)
     rows, columns = _places_below_diagonal(model.nv)
@@ -100,14 +100,14 @@ def _mass_columns(model: pin.Model, q: Array) -> Array:
     Pinocchio's own algorithm (3.x) misses entries where a joint with several velocities is between a mimic
     joint and its leader.
     """
-    data, rest = working_data(model), np.zeros(model.nv)
+    data, rest = make_working_data(model), np.zeros(model.nv)
     still = pin.rnea(model, data, q, rest, rest).copy()
     columns = [pin.rnea(model, data, q, rest, unit) - still for unit in np.eye(model.nv)]
     rows = np.array(columns)
     return 0.5 * (rows + rows.T)
 
 
-def scaled_spectrum(mass: Array) -> tuple[Array, Array]:
+def compute_scaled_spectrum(mass: Array) -> tuple[Array, Array]:
     """Eigenvalues and vectors of the mass matrix scaled to a unit diagonal: free of units."""
     values, vectors = np.linalg.eigh(_scale(mass[None])[0])
     return values, vectors
@@ -122,7 +122,7 @@ def _scale(masses: Array) -> Array:
 
 def is_singular(mass: Array) -> bool:
     """Whether the mass matrix is singular or indefinite, whatever the units."""
-    return bool(mass.size and scaled_spectrum(mass)[0][0] < _MIN_EIGENVALUE)
+    return bool(mass.size and compute_scaled_spectrum(mass)[0][0] < _MIN_EIGENVALUE)
 
 
 def any_singular(masses: Array) -> bool:
@@ -150,7 +150,7 @@ def frame_jacobian(model: pin.Model, q: Array, frame: int, reference: pin.Refere
 
 def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.ReferenceFrame) -> Array:
     """Jacobian of one frame at many configurations, shape (nodes, 6, nv)."""
-    data, found = working_data(model), np.empty((len(qs), 6, model.nv))
+    data, found = make_working_data(model), np.empty((len(qs), 6, model.nv))
     for node, q in enumerate(qs):
         jacobian = pin.computeFrameJacobian(model, data, q, frame, reference)
         found[node] = jacobian.reshape(6, model.nv)  # Pinocchio hands out a single column as a vector
@@ -159,7 +159,7 @@ def frame_jacobians(model: pin.Model, qs: Array, frame: int, reference: pin.Refe
 
 def frame_poses(model: pin.Model, qs: Array, frames: Sequence[int]) -> Array:
     """Poses of frames in the world along a motion, shape (frames, n, 7): position [m], quaternion xyzw."""
-    data, found = working_data(model), np.empty((len(frames), len(qs), 7))
+    data, found = make_working_data(model), np.empty((len(frames), len(qs), 7))
     for node, q in enumerate(qs):
         pin.framesForwardKinematics(model, data, q)
         for k, frame in enumerate(frames):
@@ -183,7 +183,7 @@ def distances(model: pin.Model, q: Array, pairs: Sequence[Connector | QuarticSpr
     """p_a - p_b of each pair in world axes, shape (n, 3) [m]."""
     if not pairs:  # no working data, which take 50 ms of a robot of 100 joints
         return np.zeros((0, 3))
-    data = working_data(model)
+    data = make_working_data(model)
     pin.framesForwardKinematics(model, data, q)
     out = np.zeros((len(pairs), 3))
     for row, pair in enumerate(pairs):
@@ -196,7 +196,7 @@ def gravity_potential(model: pin.Model, q: Array) -> float:
 
     By hand, because Pinocchio's own function refuses mimic joints.
     """
-    data = working_data(model)
+    data = make_working_data(model)
     pin.forwardKinematics(model, data, q)
     bodies = zip(list(model.inertias)[1:], list(data.oMi)[1:], strict=True)
     moment = sum((body.mass * placement.act(body.lever) for body, placement in bodies), start=np.zeros(3))

@@ -23,7 +23,7 @@ def is_large(model: pin.Model) -> bool:
     return int(model.nv) > _MIN_LARGE_NV
 
 
-def working_data(model: pin.Model) -> pin.Data:
+def make_working_data(model: pin.Model) -> pin.Data:
     """Pinocchio's working memory for a model; raises as `check_working_memory` does."""
     check_working_memory(model)
     return pin.Data(model)  # model.createData() would make it twice, and copy

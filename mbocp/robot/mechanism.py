@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import InvalidValue
 from mbocp.robot import joints, kinematics
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.model import RobotModel
 
@@ -152,7 +152,7 @@ class Closure:
         try:
             data = self._idle.pop()
         except IndexError:
-            data = working_data(self.model)
+            data = make_working_data(self.model)
         try:
             yield data
         finally:

@@ -63,7 +63,7 @@ class NamedNumber(NamedTuple):
     moves: bool = True
 
 
-def named_numbers(robot: Robot) -> dict[str, NamedNumber]:
+def list_named_numbers(robot: Robot) -> dict[str, NamedNumber]:
     """All numbers of a robot that have words."""
     model = robot.model
     found: dict[str, NamedNumber] = {}
@@ -98,7 +98,7 @@ def take(robot: Robot, word: str) -> NamedNumber:
     InvalidValue
         If the robot has none of that word.
     """
-    known = named_numbers(robot)
+    known = list_named_numbers(robot)
     if word not in known:
         raise InvalidValue(
             f"number of robot {robot.name!r}",
@@ -225,7 +225,7 @@ def _move_visuals(robot: Robot, model: pin.Model, visuals: pin.GeometryModel, va
     """What is drawn of a base moves with it, and a payload with its centre of mass."""
     for base, prefix in _bases(robot).items():
         if any(word.startswith(f"{base}.") for word in values):
-            root = _fixed_frames(robot, prefix)[0]
+            root = _find_fixed_frames(robot, prefix)[0]
             away = model.frames[root].placement * robot.model.frames[root].placement.inverse()
             for shape in visuals.geometryObjects:
                 if shape.parentJoint == 0 and robot.model.frames[shape.parentFrame].name.startswith(prefix):
@@ -287,7 +287,7 @@ def _bases(robot: Robot) -> dict[str, str]:
     return {f"part.{part.name}": part.prefix for part in robot.parts if part.parent == kinematics.WORLD}
 
 
-def _fixed_frames(robot: Robot, prefix: str) -> list[int]:
+def _find_fixed_frames(robot: Robot, prefix: str) -> list[int]:
     """Frames that stand in the world with a robot or part, its root link first."""
     frames = enumerate(robot.model.frames)
     return [k for k, f in frames if k and f.parentJoint == 0 and f.name.startswith(prefix)]
@@ -295,7 +295,7 @@ def _fixed_frames(robot: Robot, prefix: str) -> list[int]:
 
 def _of_base(robot: Robot, word: str, prefix: str) -> dict[str, NamedNumber]:
     """Where its root link stands in the world, and the turn about the vertical."""
-    model, frames = robot.model, _fixed_frames(robot, prefix)
+    model, frames = robot.model, _find_fixed_frames(robot, prefix)
     if not frames:
         return {}
     first = [

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array, dataclass
-from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot
+from mbocp.exceptions import InvalidValue, UnknownFrame, UnsupportedRobot, locate
 from mbocp.robot import kinematics
 from mbocp.robot.rotors import kinds_of_ends
 
@@ -199,11 +199,8 @@ def attach(
 
 
 def _frame(model: pin.Model, payload: Payload, robot: str, where: str) -> int:
-    try:
+    with locate(where, UnknownFrame):
         return kinematics.frame_id(model, payload.frame, robot)
-    except UnknownFrame as error:
-        error.args = (f"{where}: {error}",)
-        raise
 
 
 def shape_name(payload: Payload) -> str:

@@ -16,7 +16,7 @@ from mbocp.exceptions import InvalidValue
 from mbocp.robot import drives, kinematics
 from mbocp.robot.collision.geometry import read_geometry
 from mbocp.robot.collision.spheres import LinkSpheres, link_spheres
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.loops import projection
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.payload import Payload, attach
@@ -335,7 +335,7 @@ class Robot(Mechanism):
         link, motor = np.array([joint.at_q for joint in self.elastic]).T
         relaxed, still = found.copy(), np.zeros(self.nv)
         relaxed[motor] = found[link]
-        force = pin.rnea(self.model, working_data(self.model), relaxed, still, still)
+        force = pin.rnea(self.model, make_working_data(self.model), relaxed, still, still)
         force = force - self.force_elements(relaxed, still)
         springs = np.zeros((self.nv, len(self.elastic)))
         for k, joint in enumerate(self.elastic):
@@ -413,7 +413,7 @@ class Robot(Mechanism):
             [N, N m].
         """
         q, v, a = self._vector(q, self.nq, "q"), self._vector(v, self.nv, "v"), self._vector(a, self.nv, "a")
-        force = pin.rnea(self.model, working_data(self.model), q, v, a) - self.force_elements(q, v)
+        force = pin.rnea(self.model, make_working_data(self.model), q, v, a) - self.force_elements(q, v)
         if u is not None:
             force = force - self.actuation_matrix(q) @ self._vector(u, self.nu, "u")
         if lam is not None:

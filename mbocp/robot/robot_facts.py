@@ -13,7 +13,7 @@ from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import MbocpError
 from mbocp.robot import joints
-from mbocp.robot.drives import moved_joints
+from mbocp.robot.drives import name_moved_joints
 from mbocp.robot.loading.addresses import absolute
 from mbocp.robot.loading.description import Oddity
 from mbocp.robot.loading.robot_formats import format_of, reader_of
@@ -168,7 +168,7 @@ def _drive(robot: Robot, drive: Drive) -> dict[str, Any]:
         "name": drive.name,
         "control": drive.control,
         "unit": drive.unit,
-        "joints": moved_joints(robot, drive.dofs),
+        "joints": name_moved_joints(robot, drive.dofs),
         "frame": frame,
         "direction": direction,
     }

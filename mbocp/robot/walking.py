@@ -13,7 +13,7 @@ _KEPT = 16  # robots
 
 
 @lru_cache(maxsize=_KEPT)
-def walking_bodies(robot: Robot) -> BoolArray:
+def find_walking_bodies(robot: Robot) -> BoolArray:
     """Return which velocity components are those of bodies that stand on legs, shape (nv,).
 
     No motor moves them in the world, and motors move what they carry.

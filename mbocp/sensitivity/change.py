@@ -13,7 +13,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp.formulation import Formulation, formulate
 from mbocp.formulation.build import parameter_values
 from mbocp.formulation.features.control_values import ControlValues
-from mbocp.formulation.formulate import implied_end_rows, pieces_of
+from mbocp.formulation.formulate import find_implied_end_rows, pieces_of
 from mbocp.formulation.gains import has_joint_states
 from mbocp.formulation.layout import places
 from mbocp.formulation.pieces import Pieces
@@ -211,7 +211,7 @@ def _rows_left_out(formulation: Formulation) -> tuple[int, ...]:
         return ()
     rows = len(pieces_of(formulation.problem).end_rows.of_joints)
     has_all = rows == len(formulation.end_rows.of_joints)
-    return () if has_all else implied_end_rows(formulate(formulation.problem))
+    return () if has_all else find_implied_end_rows(formulate(formulation.problem))
 
 
 def _numbers(moved: Pieces, base: Formulation) -> Change:

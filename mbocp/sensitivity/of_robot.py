@@ -19,7 +19,7 @@ from mbocp.problem import Problem
 from mbocp.robot import Robot
 from mbocp.robot.named_numbers import (
     OF_ROBOT,
-    named_numbers,
+    list_named_numbers,
     number_of,
     numbers_behind,
     open_numbers,
@@ -181,7 +181,7 @@ class NumberByWord(OfRobot):
         problem, robot = formulation.problem, formulation.problem.robot
         if NUMBERS not in formulation.pieces.parameters.theta or problem.parameter:
             return
-        for word, number in named_numbers(robot).items():
+        for word, number in list_named_numbers(robot).items():
             is_taken = set(number.takes) <= set(robot.varying) and not word.startswith(_OF_PAYLOAD)
             if is_taken and not (number.moves and problem.clearance is not None):
                 yield OF_ROBOT + word
@@ -235,7 +235,7 @@ def open_words(problem: Problem, wrt: Sequence[str]) -> Problem:
     asked = [word for word in asked if not word.startswith(_OF_PAYLOAD)]
     if not asked or problem.parameter:
         return problem
-    known = named_numbers(problem.robot)
+    known = list_named_numbers(problem.robot)
     words = [word for word in asked if word in known]
     return replace(problem, robot=open_numbers(problem.robot, words)) if words else problem
 

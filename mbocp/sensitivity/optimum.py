@@ -20,7 +20,7 @@ from mbocp.sensitivity.kkt import Kkt, Optimum
 from mbocp.sensitivity.of_robot import open_words
 from mbocp.solution import Solution
 from mbocp.solvers.newton_method.held_limits import active_limits
-from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import compute_bounded_values, explain_limits_not_kept
 
 _GRAIN = 8 * 2.0**-52  # of a bound: distances below it are round-off
 _STIFFNESSES = (1.0, 1e3, 1e6)  # at which limits count as active
@@ -176,13 +176,13 @@ def _limits(optimum: Optimum) -> _Limits:
         bounds.lower,
         bounds.upper,
         bounds.are_equations,
-        bounded_values(optimum.programme, optimum.iterate),
+        compute_bounded_values(optimum.programme, optimum.iterate),
     )
 
 
 def with_active_limits(programme: StagewiseProgramme, iterate: Iterate, stiffness: float = 1.0) -> Optimum:
     """The iterate of a solver with its active limits, as far as its multipliers tell."""
-    if why_limits_cannot_be_kept(programme):  # while it eliminates bodies one by one, and not all at once
+    if explain_limits_not_kept(programme):  # while it eliminates bodies one by one, and not all at once
         programme = replace(programme, kind=replace(programme.kind, groups=()))
     ws, held, sides = active_limits(programme, iterate, stiffness)
     return Optimum(programme, iterate, ws, held, np.where(held, sides, 0.0))

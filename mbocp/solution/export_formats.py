@@ -21,7 +21,7 @@ from mbocp.solution.fitting import MOST
 from mbocp.solution.joints_sent import EFFORT_RATE, Excess
 from mbocp.solution.recordings import RECORDINGS, SENT, record, ros_duration
 from mbocp.solution.sampled import JointSamples, sample
-from mbocp.solution.sent import NotCheckedWarning, Sent, motion_as_sent
+from mbocp.solution.sent import NotCheckedWarning, Sent, compute_motion_sent
 from mbocp.solution.solution_data import SolutionData
 
 _MOST_NAMES = 3
@@ -216,7 +216,7 @@ def prepare(
 ) -> Sent:
     """What a format sends of a motion, as `export_motion` asks for it."""
     rate, is_joined = _rate_of(name, rate), name == "ros2"
-    return motion_as_sent(
+    return compute_motion_sent(
         solution, rate, interpolation, is_joined=is_joined, fit=fit, slower=slower, mean=mean
     )
 

@@ -23,7 +23,7 @@ from mbocp.problem.timeline.times import FreeTime
 from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot, load_stored
 from mbocp.robot.collision.obstacle import Obstacle
-from mbocp.solution.its_robot import held_files, warn_of_changes
+from mbocp.solution.its_robot import find_held_files, warn_of_changes
 from mbocp.solution.problem_facts import (
     BrakingPlace,
     Facts,
@@ -120,7 +120,7 @@ def _robot_in(
     )
     if was == now and solution.robot_spec:
         return load_robot()
-    files = held_files(solution)
+    files = find_held_files(solution)
     is_other = any(was.get(key) != now.get(key) for key in ("name", "part"))
     if files is None or is_other:
         return None
@@ -153,7 +153,7 @@ def facts_of(problem: Problem) -> Facts:
         u_start=() if before is None else _plain(before),
         u_goal=() if after is None or isinstance(after, str) else _plain(after),
         q_goal=_goal_coordinates(problem.goal),
-        braking=tuple(_braking_places(problem)),
+        braking=tuple(_find_braking_places(problem)),
         ends_held=isinstance(after, str),
         effort_rms=_plain(problem.limits.rms_upper) if problem.limits.finite("rms").any() else (),
         parameters=tuple(
@@ -188,7 +188,7 @@ def _goal_coordinates(goal: Goal) -> tuple[bool, ...]:
     return () if says_all else tuple(goal.q_active.tolist())
 
 
-def _braking_places(problem: Problem) -> Iterator[BrakingPlace]:
+def _find_braking_places(problem: Problem) -> Iterator[BrakingPlace]:
     for path in problem.frame_constraints:
         if path.kind == Braking.kind and path.span.nodes(problem.num_steps, problem.dt).all():
             joint = problem.robot.v_labels[place_of(path.frame, problem.robot)].name

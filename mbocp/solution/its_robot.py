@@ -34,7 +34,7 @@ def files_to_store(solution: SolutionData, meshes: bool | None) -> RobotFiles | 
     RobotNotStoredWarning
         If the files cannot be read, or meshes are left out for their size.
     """
-    files = held_files(solution)
+    files = find_held_files(solution)
     if files is None:
         if not {"name", "part"} & solution.robot_spec.keys():
             return None
@@ -57,7 +57,7 @@ def files_to_store(solution: SolutionData, meshes: bool | None) -> RobotFiles | 
 
 def robot_of(solution: SolutionData) -> Robot:
     """The robot that the solution holds, else that at the old place; see `Solution.load_robot`."""
-    files = held_files(solution)
+    files = find_held_files(solution)
     if files is not None:
         warn_of_changes(files)
         robot = load_stored(files)
@@ -74,7 +74,7 @@ def robot_of(solution: SolutionData) -> Robot:
     return robot
 
 
-def held_files(solution: SolutionData) -> RobotFiles | None:
+def find_held_files(solution: SolutionData) -> RobotFiles | None:
     """Files that came with the solution, if they are of the robot that it is about."""
     files = solution.robot_files
     return files if files is not None and dict(files.spec) == dict(solution.robot_spec) else None

@@ -101,10 +101,10 @@ class Chains:
         s = np.ones(len(owner))
         z = np.maximum(np.abs(self.linear).max(axis=(1, 2)), _FIRST)[owner]
         pulls = self.weights * x + self.linear - self._transpose(self._gaps(x))
-        x = x + _Factors(self, s, is_lost).solve(pulls, self._broken(x))[0]
+        x = x + _Factors(self, s, is_lost).solve(pulls, self._measure_breaks(x))[0]
         s = np.maximum(self._gaps(x), _FIRST)
         for _ in range(_MOST_ITERATIONS):
-            gaps, broken = self._gaps(x), self._broken(x)
+            gaps, broken = self._gaps(x), self._measure_breaks(x)
             forces = self._transpose(z) + self._pulls(y)
             together = np.bincount(owner, s * z)
             exact = np.maximum(self._largest(np.abs(s - gaps)), np.abs(broken).max(axis=(1, 2)))
@@ -176,7 +176,7 @@ class Chains:
         np.add.at(found.reshape(-1, 4), self.rows.at, self.rows.entries * z[2 * found.size :, None])
         return found
 
-    def _broken(self, x: Array) -> Array:
+    def _measure_breaks(self, x: Array) -> Array:
         """By what chains are apart."""
         return x[:, :-1] @ self._columns - x[:, 1:, :3]
 
@@ -239,7 +239,7 @@ class _Factors:
         from scipy.linalg.lapack import dpbtrs
 
         chains = self._chains
-        right = broken - chains._broken(self._times(r))
+        right = broken - chains._measure_breaks(self._times(r))
         y = dpbtrs(self._factor, right.ravel(), lower=1)[0].reshape(right.shape)
         return -self._times(r + chains._pulls(y)), y
 

@@ -112,7 +112,7 @@ class Sent:
         return np.mean([self.solution.controls_at(middle + offset) for offset in offsets], axis=0)
 
 
-def motion_as_sent(
+def compute_motion_sent(
     solution: SolutionData,
     rate: float | None = None,
     interpolation: str | None = None,

@@ -60,7 +60,7 @@ def path_excesses_along(
         if isinstance(constraint, Clearance):  # floating things are where the solution has them
             excesses += _nearer(constraint, motion)
             continue
-        rows = _rows_seen(constraint, follower, problem)
+        rows = _find_rows_seen(constraint, follower, problem)
         if rows.any():
             excesses += _beyond(constraint, motion, problem, rows)
         if not rows.all():

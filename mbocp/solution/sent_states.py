@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import MbocpError
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.solution.curves import Curves
 from mbocp.solution.sent import Sent
 
@@ -146,7 +146,7 @@ class Follower:
 
     @cached_property
     def _data(self) -> pin.Data:
-        return working_data(self.robot.model)
+        return make_working_data(self.robot.model)
 
 
 def _has_controls(sent: Sent, robot: Robot) -> bool:

@@ -21,7 +21,7 @@ GROUP = "mbocp.solvers"
 
 
 @cache
-def added_solvers() -> EntryPoints:
+def find_added_solvers() -> EntryPoints:
     """Entry points of all that are installed; looking for them takes a while."""
     from importlib.metadata import entry_points  # slow to import, and few solves ask
 
@@ -29,14 +29,14 @@ def added_solvers() -> EntryPoints:
 
 
 def make_added_solver(name: str, settings: SolverSettings) -> Solver[Any]:
-    """Make the solver `name`, one of those that `added_solvers` lists.
+    """Make the solver `name`, one of those that `find_added_solvers` lists.
 
     Raises
     ------
     InvalidValue
         If its package does not load.
     """
-    point = added_solvers()[name]
+    point = find_added_solvers()[name]
     try:
         make = point.load()
     except (ImportError, AttributeError) as error:

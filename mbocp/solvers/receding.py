@@ -41,7 +41,7 @@ class RecedingSettings:
     tolerance: float
 
 
-def receding_horizon(
+def make_receding_horizon(
     programme: StagewiseProgramme, iterate: Iterate, settings: RecedingSettings
 ) -> tuple[KernelHorizon, KernelProgramme]:
     """The kernel's loop at a solution, and the programme that it steps.

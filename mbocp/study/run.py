@@ -118,17 +118,17 @@ def _check_call(
 
 def _check_kinds(study: Study, kinds: Sequence[Task]) -> None:
     """Make the first problem of each kind; if none can be made, the study is wrong and not its tasks."""
-    failed = [(task, error) for task in kinds if (error := _cannot_be_made(study, task)) is not None]
+    failed = [(task, error) for task in kinds if (error := _explain_unmade(study, task)) is not None]
     if len(failed) == len(kinds):
         some = (study.task(index) for index in range(0, len(study), max(len(study) // _NUM_PROBES, 1)))
-        if all(_cannot_be_made(study, task) for task in some):
+        if all(_explain_unmade(study, task) for task in some):
             raise failed[0][1]
     for task, error in failed:
         values = ", ".join(f"{name} = {word(value)}" for name, value in task.values.items())
         warn_caller(f"task {task.index} ({values}) cannot be made: {error}", StudyWarning)
 
 
-def _cannot_be_made(study: Study, task: Task) -> MbocpError | None:
+def _explain_unmade(study: Study, task: Task) -> MbocpError | None:
     try:
         make_problem(study.job, task.overrides)
     except MbocpError as error:

@@ -30,9 +30,9 @@ def check_versions() -> None:
         If pin or libpinocchio have another version, or casadi another minor release, or if the native part
         was never built.
     """
-    compiled = _compiled_versions()
+    compiled = _read_compiled_versions()
     for name, expected in compiled.items():
-        installed = _installed_version(name)
+        installed = _read_installed_version(name)
         if not _fits(name, installed, expected):
             found = f"{name} {installed} is installed" if installed else f"{name} is not installed"
             wanted = " ".join(f"{package}=={number}" for package, number in compiled.items())
@@ -43,7 +43,7 @@ def check_versions() -> None:
             )
 
 
-def _compiled_versions() -> dict[str, str]:
+def _read_compiled_versions() -> dict[str, str]:
     try:
         versions = import_module("mbocp._native._versions")
     except ImportError as error:
@@ -62,7 +62,7 @@ def _fits(name: str, installed: str | None, compiled: str) -> bool:
     return installed == compiled
 
 
-def _installed_version(name: str) -> str | None:
+def _read_installed_version(name: str) -> str | None:
     from importlib.metadata import PackageNotFoundError, version  # slow to import
 
     try:

@@ -92,7 +92,7 @@ class Braking(PathTerm):
         return tuple(Label(f"{given.name}.{side}", cls.unit) for side in sides)
 
     @classmethod
-    def missing_reserve(cls, given: PathNumbers, q: Array, v: Array) -> float:
+    def find_missing_reserve(cls, given: PathNumbers, q: Array, v: Array) -> float:
         """By how much the reserve is too small for angles and velocities, shapes (n,), 0 or above [rad/s]."""
         slowing, reserve = (float(given.number(name)[0]) for name in ("deceleration", "reserve"))
         found = [0.0]

@@ -26,7 +26,7 @@ import casadi as ca
 
 from mbocp._arrays import dataclass
 from mbocp._keys import Key
-from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, write_held_jacobian, write_held_rows
 from mbocp.terms.bounded import Structure
 from mbocp.terms.heights import SurfaceKeys, SurfaceShape
 from mbocp.terms.point import Point
@@ -189,7 +189,7 @@ class ContactConditionTerm:
         """Rows of positions, and of velocities below them."""
         kept, found = list(self.kept), [ca.SX.zeros(0, 1)]
         if self.has_place:
-            found.append(held_rows((self.frame,), at.mechanics, at.q, at.q)[kept])
+            found.append(write_held_rows((self.frame,), at.mechanics, at.q, at.q)[kept])
         if self.has_rate:
-            found.append((held_jacobian((self.frame,), at.mechanics, at.q) @ at.v)[kept])
+            found.append((write_held_jacobian((self.frame,), at.mechanics, at.q) @ at.v)[kept])
         return ca.vertcat(*found)

@@ -256,7 +256,7 @@ class WeightedCost(RunningCost):
         return mask
 
 
-def running_costs(given: TermNumbers) -> tuple[RunningTerm, ...]:
+def collect_running_costs(given: TermNumbers) -> tuple[RunningTerm, ...]:
     """Terms of the running cost that the table `[cost]` has, in the order in which they are added."""
     found = (term.of(given) for term in COST_TERMS if issubclass(term, RunningCost))
     return tuple(term for term in found if term is not None)

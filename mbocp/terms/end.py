@@ -116,7 +116,7 @@ class TerminalCost(CostTerm):
         if not (cost.weight("terminal") > 0 and weights.any()):
             return None
         q, p = bool(np.any(weights[:nv])), bool(np.any(weights[nv:]))
-        return cls(q, p, rate, joints.weighed_parts(weights[:nv]), has_joint_goal)
+        return cls(q, p, rate, joints.find_weighed_parts(weights[:nv]), has_joint_goal)
 
     @classmethod
     def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:

@@ -111,7 +111,7 @@ class Energy(RunningCost):
         return rows[_KEYS.index("losses")] if rows.any() else 0.0
 
     @classmethod
-    def drawn_energy(cls, cost: CostWeights, work: Array, braked: Array, squares: Array) -> float:
+    def compute_drawn_energy(cls, cost: CostWeights, work: Array, braked: Array, squares: Array) -> float:
         """Energy that motors draw over a motion [J], without a width; NaN where nobody asks for energies.
 
         Parameters

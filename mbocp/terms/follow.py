@@ -156,7 +156,7 @@ class Follow(PathTerm):
         if turns is None and "orientation_tolerance" in given:
             raise ProblemError(f"{key}.orientation_tolerance: of what? Give orientations, or leave it out")
         if turns is not None:
-            points = np.hstack([points, _rising_quaternions(turns, len(points), is_closed, key)])
+            points = np.hstack([points, _orient_quaternions(turns, len(points), is_closed, key)])
         curve = curve_through(points, is_closed=is_closed)
         lengths = np.linalg.norm(np.diff(curve.points[:, :3], axis=0), axis=1)
         tolerance = _tolerance(given, "tolerance", np.inf, key)
@@ -311,7 +311,7 @@ def _check_points(points: Array, is_closed: bool, key: str) -> None:
         raise InvalidValue(f"{key}: points", f"points {n} and {after} at the same place", f"others{extra}")
 
 
-def _rising_quaternions(given: Any, count: int, is_closed: bool, key: str) -> Array:
+def _orient_quaternions(given: Any, count: int, is_closed: bool, key: str) -> Array:
     """Unit quaternions, each with the sign that is nearer to the one before."""
     found = np.array(given, dtype=np.float64).reshape(-1, 4)
     if len(found) != count:

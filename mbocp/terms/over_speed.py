@@ -168,7 +168,7 @@ def place_of(frame: int, robot: Robot) -> int:
     return int(robot.model.joints[robot.model.frames[frame].parentJoint].idx_v)
 
 
-def falling_lines(curve: Array, key: str, what: str) -> Array:
+def read_falling_lines(curve: Array, key: str, what: str) -> Array:
     """Rows of a table over speeds, shape (n, 2), without the flat part that a limit along the motion is.
 
     The first line goes on to rest; no row is left of a table that is flat.

@@ -13,7 +13,7 @@ from mbocp._arrays import Array, dataclass
 from mbocp.mechanics.forward import ForwardMechanics
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
-from mbocp.terms.cost import ForceRows, RunningTerm, TermNumbers, running_costs
+from mbocp.terms.cost import ForceRows, RunningTerm, TermNumbers, collect_running_costs
 from mbocp.terms.own import OwnTerm, TermFunction
 from mbocp.terms.point import Point, Sizes
 from mbocp.terms.span import NodePlace, Span
@@ -224,12 +224,12 @@ class OwnPathConstraint(BoundedTerm):
         return np.asarray(ca.Function("h", [q, v, u], [h]).map(len(qs))(qs.T, vs.T, us.T)).T
 
 
-def running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:
+def collect_running_terms(given: TermNumbers) -> tuple[RunningTerm, ...]:
     """All terms of the running cost, the user's own last, in the order in which they are added."""
     rotations = _rotations(given)
     parts = (OwnRunningCost.of(t, given.robot, rotations) for t in given.own if t.role == "running")
     own = (replace(one, forces=tuple(given.forces[name] for name in one.traced.forces)) for one in parts)
-    return (*running_costs(given), *own)
+    return (*collect_running_costs(given), *own)
 
 
 def own_ends(given: TermNumbers) -> tuple[OwnEnd, ...]:

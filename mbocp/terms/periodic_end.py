@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from mbocp._arrays import Array, dataclass
-from mbocp.mechanics.held_frames import HeldFrame, held_jacobian, held_rows
+from mbocp.mechanics.held_frames import HeldFrame, write_held_jacobian, write_held_rows
 from mbocp.terms.point import Point, Sizes
 
 
@@ -136,9 +136,9 @@ class StartEnd(_OfStart):
         """Rows that are zero where the start keeps the constraints."""
         (z, v), own = self.start.expression(at, p, "start"), at.mechanics
         places = own.constraints(z)[list(self.places.own), 0]
-        held = held_rows(self.held, own, z, z)[list(self.places.held), 0]
+        held = write_held_rows(self.held, own, z, z)[list(self.places.held), 0]
         rates = (own.constraint_jacobian(z) @ v)[list(self.rates.own), 0]
-        held_rates = (held_jacobian(self.held, own, z) @ v)[list(self.rates.held), 0]
+        held_rates = (write_held_jacobian(self.held, own, z) @ v)[list(self.rates.held), 0]
         return ca.vertcat(places, held, rates, held_rates)
 
 

@@ -101,9 +101,9 @@ class Tracking(RunningCost):
     @classmethod
     def of(cls, given: TermNumbers) -> Tracking | None:
         """The term where a weight is not zero."""
-        nv, weights = given.robot.nv, _tracking_weights(given.cost)
+        nv, weights = given.robot.nv, _find_tracking_weights(given.cost)
         q, p = bool(np.any(weights[:nv])), bool(np.any(weights[nv:]))
-        return cls(q, p, given.joints.weighed_parts(weights[:nv])) if q or p else None
+        return cls(q, p, given.joints.find_weighed_parts(weights[:nv])) if q or p else None
 
     @classmethod
     def read(cls, table: Any, reader: CostTableReader) -> dict[str, Any]:
@@ -147,7 +147,7 @@ class Tracking(RunningCost):
 
     def numbers(self, given: TermNumbers) -> dict[str, Array]:
         """Diagonals of beta Q."""
-        nv, weights = given.robot.nv, _tracking_weights(given.cost)
+        nv, weights = given.robot.nv, _find_tracking_weights(given.cost)
         return {"weight_q": weights[:nv], "weight_p": weights[nv:]}
 
     def stage_numbers(self, given: TermNumbers) -> dict[str, Array]:
@@ -178,10 +178,10 @@ class Tracking(RunningCost):
 
     def touches(self, given: TermNumbers) -> BoolArray:
         """Components with a weight."""
-        return _tracking_weights(given.cost) != 0.0
+        return _find_tracking_weights(given.cost) != 0.0
 
 
-def _tracking_weights(cost: CostWeights) -> Array:
+def _find_tracking_weights(cost: CostWeights) -> Array:
     return cost.weight("tracking") * np.asarray(cost.weight("tracking_weights"))
 
 
@@ -250,10 +250,10 @@ class EffortAboutGravity(WeightedCost):
 
     def expression(self, at: Point, p: Mapping[str, ca.SX]) -> ca.SX:
         """Half the weighted square of the differences."""
-        return half_square(p[self.key], at.control - self._holding_controls(at))
+        return half_square(p[self.key], at.control - self._compute_holding_controls(at))
 
     @staticmethod
-    def _holding_controls(at: Point) -> ca.SX:
+    def _compute_holding_controls(at: Point) -> ca.SX:
         mechanics = at.mechanics
         weight, (ties, acts) = mechanics.gravity(at.q), at.constraints()
         weight, actuation = _at_motors(mechanics, weight), mechanics.robot.actuation

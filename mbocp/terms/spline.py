@@ -73,7 +73,7 @@ class Curve(NamedTuple):
         count = min(_SAMPLES * len(self.pieces), _MAX_SAMPLES)
         samples = np.linspace(0.0, 1.0, count + 1)
         gaps = ((positions[:, None] - self.at(samples)[None, :, :3]) ** 2).sum(axis=2)
-        chosen = _least_rising(gaps)
+        chosen = _find_least_rising(gaps)
         s = samples[chosen]
         low, high = samples[np.maximum(chosen - 1, 0)], samples[np.minimum(chosen + 1, count)]
         for _ in range(_NEWTON):
@@ -130,7 +130,7 @@ def symbolic_curve(s: ca.SX, knots: ca.SX, pieces: ca.SX, size: int) -> tuple[ca
     return ((a * away + b) * away + g) * away + d, (3 * a * away + 2 * b) * away + g
 
 
-def _least_rising(gaps: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
+def _find_least_rising(gaps: Array) -> np.ndarray[tuple[int, ...], np.dtype[np.intp]]:
     """Columns that never fall, one for each row, of least sum."""
     total = np.zeros(gaps.shape[1])
     before = np.empty(gaps.shape, dtype=np.intp)

@@ -10,7 +10,7 @@ from pydantic import Field
 from pydantic.json_schema import SkipJsonSchema
 
 from mbocp._keys import Key, Kind, Table, Takes
-from mbocp._quantities import as_float, finite_number, is_number, named_numbers, vector
+from mbocp._quantities import as_float, check_named_numbers, finite_number, is_number, vector
 from mbocp._text import show
 
 Vector: TypeAlias = list[float]
@@ -22,7 +22,7 @@ def read_vector(value: Any) -> Vector | Named:
     if isinstance(value, list):
         return vector(value)
     if isinstance(value, Mapping):
-        return named_numbers(value)
+        return check_named_numbers(value)
     raise ValueError(f"got {show(value)}, expected a list of numbers or a table by joint name")
 
 

@@ -148,13 +148,13 @@ def _widths(flat: Array, azimuths: Array) -> Array:
 
 def _clear_azimuth(usual: float, path: Array, moving: Array, obstacles: Sequence[Array]) -> float:
     """The usual azimuth, unless obstacles hide much of the motion from there: then the best of all around."""
-    if _hidden(usual, moving, obstacles) <= _HIDDEN:
+    if _measure_hidden(usual, moving, obstacles) <= _HIDDEN:
         return usual
-    seen = 1.0 - np.array([_hidden(a, moving, obstacles) for a in _AROUND])
+    seen = 1.0 - np.array([_measure_hidden(a, moving, obstacles) for a in _AROUND])
     return float(_AROUND[int(np.argmax(_widths(path[:, :2], _AROUND) * seen**2))])
 
 
-def _hidden(azimuth: float, moving: Array, obstacles: Sequence[Array]) -> float:
+def _measure_hidden(azimuth: float, moving: Array, obstacles: Sequence[Array]) -> float:
     """Share of the points that are behind the middle of an obstacle, in the rectangle that it fills."""
     axes = _axes(azimuth, ELEVATION)
     depth, *seen = axes @ moving.T

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp._tolerances import STAYS
 from mbocp.exceptions import DimensionMismatch, InvalidValue
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _MAX_COORDINATE = 1e9  # [m, rad] of a configuration that can be drawn; as for the corners of meshes
 MAX_SAMPLES = 6000  # key frames of one replay: of a long motion there are fewer a second
@@ -125,7 +125,7 @@ def _configuration(model: pin.Model, t: Array, qs: Array, time: float) -> Array:
 
 
 def _place(model: pin.Model, times: Array, qs: Array) -> PlacementSamples:
-    data = working_data(model)
+    data = make_working_data(model)
     frames, joints = len(times), model.njoints
     rotations = np.empty((frames, joints, 3, 3))
     quaternions = np.empty((frames, joints, 4))

@@ -141,7 +141,7 @@ def _collect(
         for other, name in zip(others, called, strict=True)
     ]
     more = {"trace": trace, "speed": speed, "ghosts": times, "others": beside, "direction": direction}
-    return shown, {**things_drawn(solution, shown), **more}
+    return shown, {**list_things_drawn(solution, shown), **more}
 
 
 def _spread(solution: Solution, count: int) -> list[float]:
@@ -159,7 +159,7 @@ def goals_of(problem: Problem, place: int | None) -> tuple[list[FrameTarget], li
     return [pose.target for pose in ours.poses], [pose.target for goal in others for pose in goal.poses]
 
 
-def things_drawn(solution: Solution, robot: Robot) -> dict[str, Any]:
+def list_things_drawn(solution: Solution, robot: Robot) -> dict[str, Any]:
     """What a replay of a solution draws besides the robot, as arguments of `write_replay`."""
     known, asked = {WORLD, *robot.frame_names}, solution.shown
     ours, others = ([], []) if asked is None else goals_of(asked.problem, solution.goal_place)

@@ -17,7 +17,7 @@ from mbocp.robot import Robot
 from mbocp.solution import ActiveLimit, Load, Solution, loads_of
 from mbocp.solution.atomic import replace_text
 from mbocp.view.meshcat.page import Below
-from mbocp.view.of_solution import things_drawn
+from mbocp.view.of_solution import list_things_drawn
 from mbocp.view.replay import OtherMotion, replay_page
 from mbocp.view.reports.page_plots import (
     motion_figures,
@@ -130,7 +130,7 @@ def write_report(
         solution.t,
         solution.qs,
         below=_below(_content(solution, shown, facts or _facts(solution))),
-        **things_drawn(solution, shown),
+        **list_things_drawn(solution, shown),
     )
     return replace_text(path, page)
 
@@ -166,7 +166,7 @@ def compare_results(results: Mapping[str, Solution], path: str | Path) -> Path:
         ("Keys that differ", _rows(("key", *results), unlike) if unlike else "<p>None: one problem.</p>"),
     ]
     plots = [(title, _plots(figures)) for title, figures in pair_figures(loaded)]
-    drawn = {**things_drawn(first, robot), "title": " · ".join(results), "others": others}
+    drawn = {**list_things_drawn(first, robot), "title": " · ".join(results), "others": others}
     page = replay_page(
         robot, first.t, first.qs, below=_below(_join(sections) + _fold(plots, opened=3)), **drawn
     )

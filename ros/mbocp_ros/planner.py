@@ -14,7 +14,7 @@ from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, UnknownJoint
 from mbocp.problem import Problem
 from mbocp.solution.export_formats import prepare_within
-from mbocp.solution.sent import Sent, motion_as_sent
+from mbocp.solution.sent import Sent, compute_motion_sent
 from mbocp.solution.sent_states import Follower
 
 _TOLERANCE = 1e-3  # relative, of a limit that is left between nodes
@@ -207,7 +207,7 @@ def load_planner(path: str | Path, time_limit: float = 10.0, rest: float = 0.01)
         raise ProblemError("robot: joints of several velocities, as of floating bases, are not supported")
     if problem.phase:
         raise ProblemError("phase: motions with phases cannot be stopped, and are not supported")
-    own = motion_as_sent(mbocp.solve(problem, check=True), interpolation="cubic").curves
+    own = compute_motion_sent(mbocp.solve(problem, check=True), interpolation="cubic").curves
     ends = [dict(zip(names, map(float, row), strict=True)) for row in own.q[[0, -1]]]
     motion = planner.plan(ends[0], {}, ends[1])
     planner.stop(motion, 0.5 * motion.duration)

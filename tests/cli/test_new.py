@@ -10,7 +10,7 @@ import pytest
 
 import mbocp
 from mbocp.cli.new import SCHEMA_FILE
-from mbocp.problem.first_motion import holding_controls
+from mbocp.problem.first_motion import find_holding_controls
 from tests.mechanics.mimics import PAIR
 from tests.robot.loading.test_sdf import COPTER
 from tests.robot.urdfs import chain, joint, link, robot, write
@@ -47,7 +47,7 @@ def test_limits_of_arms_hold_with_something_to_spare(run, here, name):
     assert run("new", name).exit_code == 0
     problem = mbocp.load_problem(here / f"{name}.toml")
     for q in (problem.q_start, problem.goal.q):
-        u = holding_controls(problem.robot, q)
+        u = find_holding_controls(problem.robot, q)
         assert u is not None
         assert (np.abs(u) < problem.limits.u_upper).all()
     mean = np.abs(problem.robot.difference(problem.q_start, problem.goal.q)) / problem.duration

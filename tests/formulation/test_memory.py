@@ -15,7 +15,7 @@ from mbocp.formulation.base import Formulation
 from mbocp.formulation.features.memory import RULES, memory_units, order_blocks
 from mbocp.integrators import SCHEMES
 from mbocp.mechanics.motion_rates import rates_along
-from mbocp.problem.first_motion import holding_controls
+from mbocp.problem.first_motion import find_holding_controls
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 N = 5
@@ -127,7 +127,7 @@ def test_rows_and_rates_of_a_motion(name: str, integrator: dict[str, Any], is_fr
     motion = Motion(qs, vs, us, dts)
     iterate = formulation.iterate_of(motion, np.zeros((N, robot.nc)))
     rates = rates_along(robot, qs, vs, us, dts, u_start=problem.u_before) | {"control": us}
-    rates["held"] = np.array([holding_controls(robot, q) for q in qs[1:]])  # as if each step were the last
+    rates["held"] = np.array([find_holding_controls(robot, q) for q in qs[1:]])  # each step as the last
     path = programme.functions.function("path")
     limits = (*problem.rate_limits, *problem.end_limits)
     wanted = np.hstack([c.values_of(rates, dts) / c.scale for c in limits])

@@ -14,7 +14,7 @@ import mbocp
 from mbocp import Problem
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.formulation.features.changing_constraints import switched_violation
+from mbocp.formulation.features.changing_constraints import measure_switched_violation
 from mbocp.guesses.straight_line import is_whole, line
 from mbocp.robot import Robot
 from tests.holds.cases import CASES
@@ -60,7 +60,7 @@ def guess_of(problem: Problem) -> tuple[Array, Array]:
 def off(problem: Problem, qs: Array, vs: Array) -> float:
     table = problem.timeline.switches
     assert table is not None
-    return switched_violation(table, qs, vs).position
+    return measure_switched_violation(table, qs, vs).position
 
 
 def weld_angles(robot: Robot, qs: Array) -> Array:

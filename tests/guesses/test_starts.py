@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from itertools import pairwise
@@ -18,7 +20,7 @@ from mbocp.exceptions import ProblemFileError
 from mbocp.formulation import formulate
 from mbocp.guesses import several
 from mbocp.guesses.starts import guesses_in_turn, start_guesses
-from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turned_ways
+from mbocp.guesses.ways import branch_ways, middle_of_line, random_way, straight, turn_ways
 from mbocp.job import Job
 from mbocp.problem.goals.frames import pose_errors
 from mbocp.programme import library
@@ -41,8 +43,9 @@ def pendulum(**solver: object) -> mbocp.Problem:
     )
 
 
-def from_starts(problem: mbocp.Problem, **options: object) -> tuple:
-    return several.solve_from_starts(Job.of(problem), [(None, formulate(problem))], [], **options)[1:]
+def from_starts(problem: mbocp.Problem, callback: Callable | None = None, **options: object) -> tuple:
+    job = Job.of(problem, callback=callback)
+    return several.solve_from_starts(job, [(None, formulate(problem))], [], **options)[1:]
 
 
 def test_the_best_of_all_starts_is_the_solution():
@@ -62,10 +65,14 @@ def test_the_best_of_all_starts_is_the_solution():
 
 def test_nobody_can_tell_how_many_processes_there_were(monkeypatch):
     problem = pendulum()
-    alone, words, records = from_starts(problem, workers=1)
+    shown, shown_shared = [], []
+    alone, words, records = from_starts(problem, shown.append, workers=1)
     monkeypatch.setattr(several, "_PATIENCE", 0.0)
-    shared, words_shared, records_shared = from_starts(problem, workers=3)
+    shared, words_shared, records_shared = from_starts(problem, shown_shared.append, workers=3)
     assert (words, records) == (words_shared, records_shared)
+    assert sorted((r.phase, r.iteration, r.cost) for r in shown) == sorted(
+        (r.phase, r.iteration, r.cost) for r in shown_shared
+    )
     for name in ("xs", "us", "ms", "eta"):
         assert np.array_equal(getattr(alone.result.iterate, name), getattr(shared.result.iterate, name))
 
@@ -174,6 +181,32 @@ def test_ctrl_c_in_a_later_start_returns_the_best_so_far(monkeypatch):
     assert len(solution.starts) == 3
 
 
+def test_ctrl_c_ends_processes_in_their_midst(monkeypatch):
+    monkeypatch.setattr(several, "_PATIENCE", 0.0)
+    monkeypatch.setattr(several, "available_threads", lambda: 3)
+    ended: list[Elsewhere] = []
+    run = Elsewhere.run
+
+    def run_and_note(process: Elsewhere, task: object) -> object:
+        in_process.set()
+        try:
+            return run(process, task)
+        finally:
+            ended.append(process)
+
+    def callback(record: mbocp.solution.IterationRecord) -> None:
+        assert in_process.wait(60.0)
+        raise KeyboardInterrupt
+
+    in_process = threading.Event()
+    monkeypatch.setattr(Elsewhere, "run", run_and_note)
+    solution = mbocp.solve(pendulum(), callback=callback)
+    assert solution.status is Status.INTERRUPTED
+    assert len(solution.starts) < 5
+    assert ended
+    assert all(process.is_over for process in ended)
+
+
 def test_where_no_start_converges_the_other_kinds_follow():
     solution = mbocp.solve(pendulum(starts=2, max_iterations=1))
     assert not solution.converged
@@ -195,7 +228,7 @@ def drone() -> mbocp.Problem:
 
 def test_a_free_flyer_turns_the_other_way_around_to_the_same_place():
     problem = drone()
-    ((words, way),) = turned_ways(formulate(problem))
+    ((words, way),) = turn_ways(formulate(problem))
     assert words == "line, root_joint the other way around"
     shares = np.linspace(0.0, 1.0, 50)
     qs = way(problem.q_start, shares)
@@ -225,7 +258,7 @@ def test_random_ways_keep_loops_closed_and_lead_to_the_goal():
         assert np.abs(qs - direct).max() > 1e-2
         known = random_way(problem, np.random.default_rng(seed), middle=middle_of_line(problem))
         assert np.array_equal(known(problem.q_start, shares), qs)
-    assert not list(turned_ways(formulate(problem)))
+    assert not list(turn_ways(formulate(problem)))
 
 
 def test_random_ways_stay_within_limits():
@@ -248,7 +281,7 @@ def test_starts_in_natural_coordinates():
         solver={"starts": 4},
         scheme="se1",
     )
-    assert {words for words, _ in turned_ways(formulate(problem))} == {
+    assert {words for words, _ in turn_ways(formulate(problem))} == {
         "line, joint1 the other way around",
         "line, joint2 the other way around",
     }
@@ -295,7 +328,7 @@ def test_a_frame_is_approached_in_other_configurations_of_the_arm(tmp_path):
         scheme="se1",
     )
     formulation = formulate(problem)
-    ways = [*branch_ways(problem), *turned_ways(formulation)]
+    ways = [*branch_ways(problem), *turn_ways(formulation)]
     assert [words for words, _ in ways] == [
         "line to configuration 2 of 2 at the goal",
         "line, joint2 the other way around",

@@ -13,7 +13,7 @@ import pytest
 from mbocp.formulation import formulate
 from mbocp.formulation.base import Formulation
 from mbocp.mechanics import JointMechanics
-from mbocp.mechanics.held_frames import held_jacobians
+from mbocp.mechanics.held_frames import compute_held_jacobians
 from mbocp.problem import Problem
 from mbocp.problem.timeline.hold import Hold
 from mbocp.programme.kernel import kernel_programme
@@ -204,7 +204,7 @@ def test_jacobians_of_held_frames_are_pinocchios() -> None:
     problem = drone()
     robot, hold = problem.robot, problem.holds[1]
     q = pin.randomConfiguration(robot.model, -np.ones(7), np.ones(7))
-    J = held_jacobians(robot, (hold.as_frame(robot),), q[None])[0]
+    J = compute_held_jacobians(robot, (hold.as_frame(robot),), q[None])[0]
     data = robot.model.createData()
     frame = robot.frame_id(hold.frame)
     world = pin.computeFrameJacobian(robot.model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)

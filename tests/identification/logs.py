@@ -32,7 +32,7 @@ def changed(robot: Robot, seed: int = 5, share: float = 0.2, speed: float = 0.1)
 def log_of(dynamics: InverseDynamics, motion: JointMotion, t: Array, seed: int, noise: float = 0.05) -> Log:
     """What is measured along a motion, with noise of 1e-4 rad in positions."""
     rng, still = np.random.default_rng(seed), np.zeros((len(t), dynamics.robot.nu))
-    torques = dynamics.regressor(motion) @ dynamics.values - dynamics.applied_torques(motion, still)
+    torques = dynamics.regressor(motion) @ dynamics.values - dynamics.compute_applied_torques(motion, still)
     y = np.array([dynamics.coordinates(q) for q in motion.qs])
     u = torques + noise * rng.standard_normal(torques.shape)
     y = y + 1e-4 * rng.standard_normal(y.shape)

@@ -11,7 +11,7 @@ from mbocp.identification import base_parameters
 from mbocp.identification.dynamics import InverseDynamics
 from mbocp.identification.unknown_parameters import _random_poses, base_of, unknowns_of
 from mbocp.robot import Payload
-from mbocp.robot.named_numbers import OF_ROBOT, named_numbers, number_of
+from mbocp.robot.named_numbers import OF_ROBOT, list_named_numbers, number_of
 from tests.identification.logs import changed
 
 FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
@@ -57,7 +57,8 @@ def test_parameters_go_by_the_words_of_the_robots_numbers():
     robot = changed(load_robot("ur5"))
     for this, payload, count in ((robot, None, 3 * robot.nv), (robot.with_payload(held), "load", 1)):
         unknowns = unknowns_of(InverseDynamics(this), payload=payload)
-        known, words = named_numbers(this), [label.name.removeprefix(OF_ROBOT) for label in unknowns.labels]
+        known = list_named_numbers(this)
+        words = [label.name.removeprefix(OF_ROBOT) for label in unknowns.labels]
         both = [k for k, word in enumerate(words) if word in known]
         assert len(both) == count
         for k in both:

@@ -168,7 +168,7 @@ def test_slopes_are_those_of_differences(name, mass):
 
     def rows(shift):
         there = dynamics.motion(y + shift[0], yd + shift[1], ydd + shift[2], near)
-        return dynamics.regressor(there) @ values - dynamics.applied_torques(there, u)
+        return dynamics.regressor(there) @ values - dynamics.compute_applied_torques(there, u)
 
     found = dynamics.slopes(dynamics.motion(y, yd, ydd, near), values, u)
     for part, j in np.ndindex(3, dynamics.n):

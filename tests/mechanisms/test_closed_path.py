@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import mbocp
 from mbocp.mechanisms import closed_path as module
-from mbocp.mechanisms.closed_path import closed_path
+from mbocp.mechanisms.closed_path import find_closed_path
 
 PROBLEM = mbocp.load_problem("examples/loops/four_bar.toml")
 
@@ -20,8 +20,8 @@ def test_the_way_does_not_depend_on_where_one_looks(shares) -> None:
     robot, begin, end = PROBLEM.robot, PROBLEM.q_start, np.asarray(PROBLEM.goal.q)
     fine = np.linspace(0.0, 1.0, 41)
     chosen = np.unique([*shares, 0.5, 1.0])
-    found = closed_path(robot, begin, end, chosen)
-    every = closed_path(robot, begin, end, np.union1d(fine, chosen))
+    found = find_closed_path(robot, begin, end, chosen)
+    every = find_closed_path(robot, begin, end, np.union1d(fine, chosen))
     assert found is not None
     assert every is not None
     assert np.abs(found - every[np.isin(np.union1d(fine, chosen), chosen)]).max() < 1e-9
@@ -38,7 +38,7 @@ def test_steps_that_leap_are_not_tried(monkeypatch: pytest.MonkeyPatch) -> None:
         return closed(loops, q, ahead)
 
     monkeypatch.setattr(module._Loops, "_close", recorded)
-    path = closed_path(robot, PROBLEM.q_start, np.asarray(PROBLEM.goal.q), np.array([0.0, 0.5, 1.0]))
+    path = find_closed_path(robot, PROBLEM.q_start, np.asarray(PROBLEM.goal.q), np.array([0.0, 0.5, 1.0]))
     assert path is not None
     assert len(longest) >= 2 * np.pi / module._MAX_LEAP
     assert max(longest) < module._MAX_LEAP

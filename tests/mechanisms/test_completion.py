@@ -18,7 +18,7 @@ from mbocp.exceptions import (
     OverdeterminedGoal,
     UnreachableGoal,
 )
-from mbocp.mechanisms.closed_path import closed_path
+from mbocp.mechanisms.closed_path import find_closed_path
 from mbocp.problem import Problem, ProblemWarning, load_problem
 from mbocp.robot import load_robot
 from tests.robot.loops import builders as loops
@@ -195,7 +195,7 @@ def test_a_guess_leads_no_such_way(load: Load) -> None:
     """A penalty may ask for anything."""
     problem = load()
     far = problem.goal.q + np.array([1e5, 0.0, 0.0])
-    assert closed_path(problem.robot, problem.q_start, far, np.linspace(0.0, 1.0, 21)) is None
+    assert find_closed_path(problem.robot, problem.q_start, far, np.linspace(0.0, 1.0, 21)) is None
 
 
 def test_a_goal_behind_a_detour_is_in_reach(load: Load) -> None:

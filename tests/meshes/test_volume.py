@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from mbocp.meshes.mesh_parts import count_open_edges, enclosed_body, fill, scale_mass, weld
+from mbocp.meshes.mesh_parts import count_open_edges, fill, measure_enclosed_body, scale_mass, weld
 from mbocp.robot.collision.hull import hull_of
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -45,14 +45,14 @@ def test_a_box_of_triangles_is_a_box(far: float, inwards: bool) -> None:
     vertices, faces = box(size)
     vertices = vertices @ there.rotation.T + there.translation
     expected = there.act(pin.Inertia.FromBox(float(np.prod(size)), *size))
-    assert_same(enclosed_body(vertices, faces[:, ::-1] if inwards else faces), expected, 1e-11)
+    assert_same(measure_enclosed_body(vertices, faces[:, ::-1] if inwards else faces), expected, 1e-11)
 
 
 def test_finer_balls_come_near_the_sphere_with_order_two() -> None:
     exact = pin.Inertia.FromSphere(4 / 3 * np.pi, 1.0)
     errors = []
     for rings in (16, 32):
-        body = enclosed_body(*ball(rings))
+        body = measure_enclosed_body(*ball(rings))
         np.testing.assert_allclose(body.lever, 0, atol=1e-12)
         errors.append([exact.mass - body.mass, *(np.diag(exact.inertia) - np.diag(body.inertia))])
     np.testing.assert_allclose(np.log2(np.divide(*errors)), 2.0, atol=0.1)
@@ -64,7 +64,7 @@ def test_coal_and_samples_of_the_inside_agree(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(30, 3)) * [0.3, 0.1, 0.2] + rng.normal(size=3)
     hull = hull_of(points)
-    body = enclosed_body(np.array(hull.vertices), hull.faces)
+    body = measure_enclosed_body(np.array(hull.vertices), hull.faces)
     moments = hull.shape.computeMomentofInertiaRelatedToCOM()
     assert_same(body, pin.Inertia(hull.shape.computeVolume(), hull.shape.computeCOM(), moments), 1e-10)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -81,7 +81,7 @@ def test_coal_and_samples_of_the_inside_agree(seed: int) -> None:
 def test_a_hollow_is_taken_out() -> None:
     outer, faces = box((1.0, 1.0, 1.0))
     inner, holes = box((0.5, 0.5, 0.5))
-    body = enclosed_body(np.vstack([outer, inner]), np.vstack([faces, holes[:, ::-1] + len(outer)]))
+    body = measure_enclosed_body(np.vstack([outer, inner]), np.vstack([faces, holes[:, ::-1] + len(outer)]))
     expected = (1 - 0.5**5) / 6 * np.eye(3)
     assert_same(body, pin.Inertia(1 - 0.5**3, np.zeros(3), expected))
 

@@ -12,7 +12,7 @@ import mbocp
 from mbocp import Problem, Solution
 from mbocp._arrays import Array
 from mbocp.formulation import formulate
-from mbocp.mechanics.held_frames import held_jacobians
+from mbocp.mechanics.held_frames import compute_held_jacobians
 from mbocp.robot import Robot, load_parts
 from tests.holds.cases import drone
 
@@ -96,7 +96,7 @@ def test_all_that_is_held_takes_part(kind: str) -> None:
     assert slip_of(problem, s, 7) < 1e-9
     table = problem.timeline.switches
     assert table is not None
-    J = held_jacobians(problem.robot, table.held, s.qs[[7]])[0]
+    J = compute_held_jacobians(problem.robot, table.held, s.qs[[7]])[0]
     assert np.abs(J @ s.vs[7])[table.rows[6]].max() < 1e-9
     # The impulse pushes along what is held, and nothing else changes velocities.
     M, leap = problem.robot.mass_matrix(s.qs[7]), s.vs[7] - s.vs[6]

@@ -25,7 +25,7 @@ from mbocp.problem.between_nodes import GROSS_EXCESS, LimitExcess, can_hold_with
 from mbocp.problem.step_cubics import StepCubics
 from mbocp.solution import Status
 from mbocp.solution.read_solution import judge
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.strategies import OneSolve, RoomForSpeeds
 from tests.between_nodes.cases import TOLERANCE, problem_of, row_of, true_excess
 from tests.formulation.stages import check_derivatives
@@ -352,7 +352,7 @@ def test_jerks_of_linear_controls_hold_within_steps_and_at_both_ends(
     assert np.abs(jerks).max() >= 60.0 * (1.0 - 1e-3)
     assert max(np.abs(found[0]).max(), np.abs(found[-1]).max()) <= 60.0 * 0.01 * problem.dt * (1.0 + 1e-6)
     assert any("within steps" in limit.name for limit in s.active_limits if limit.kind == "jerk")
-    sent = motion_as_sent(s, 1000.0, fit=True)
+    sent = compute_motion_sent(s, 1000.0, fit=True)
     assert sent.excesses == ()
     assert sent.curves.nodes[-1] < 1.03 * s.duration
     held = replace(problem, limits_within=letters)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.guesses.around import near_the_way
-from mbocp.meshes.mesh_parts import count_open_edges, enclosed_body, weld
+from mbocp.meshes.mesh_parts import count_open_edges, measure_enclosed_body, weld
 from mbocp.meshes.points import read_heights, read_points
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.obstacles.approach import poses_between
@@ -88,7 +88,7 @@ def test_boxes_are_the_cubes_that_have_points() -> None:
     assert (within(boxes, 0.1 * (cubes + 0.5)) == 1).all()
     volume = np.prod(boxes.highs - boxes.lows, axis=1).sum()
     assert volume == pytest.approx(1e-3 * len(cubes))
-    assert enclosed_body(boxes.vertices, boxes.faces).mass == pytest.approx(volume)
+    assert measure_enclosed_body(boxes.vertices, boxes.faces).mass == pytest.approx(volume)
     assert len(boxes.lows) < 0.7 * len(cubes)
     again = boxes_of_cloud(np.array(boxes.keys["points"]), 0.1)
     np.testing.assert_allclose(again.lows, boxes.lows)
@@ -119,7 +119,9 @@ def test_boxes_cover_what_is_below_a_map() -> None:
     low = float(np.nanmin(heights)) - cell
     halves = heights[1:, :-1], heights[:-1, 1:]  # ends of the diagonal that both triangles share
     mean = (heights[:-1, :-1] + heights[1:, 1:] + 2.0 * sum(halves)) / 6.0
-    assert enclosed_body(corners, faces).mass == pytest.approx(cell**2 * np.nansum(mean - low), rel=1e-9)
+    assert measure_enclosed_body(corners, faces).mass == pytest.approx(
+        cell**2 * np.nansum(mean - low), rel=1e-9
+    )
 
 
 def test_maps_are_seen_from_above(planar: Robot) -> None:

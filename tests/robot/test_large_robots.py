@@ -13,7 +13,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import MemoryLimitExceeded, UnsupportedRobot
 from mbocp.robot import load_robot
-from mbocp.robot.large import composite_mass_matrix, is_large, working_data
+from mbocp.robot.large import composite_mass_matrix, is_large, make_working_data
 from mbocp.robot.loading.readers.in_memory import chain_urdf
 
 
@@ -47,7 +47,7 @@ def test_working_memory_is_looked_at_first(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setenv("MBOCP_MEMORY_LIMIT", "200")
     words = r"robot 'chain_200': Pinocchio's working memory for its 200 velocities would take about 256 MB"
     with pytest.raises(MemoryLimitExceeded, match=words):
-        working_data(robot.model)
+        make_working_data(robot.model)
     with pytest.raises(MemoryLimitExceeded, match=r"'chain_201'.* 201 velocities would take about 260 MB"):
         load_robot("chain_201", lock=["joint_1"])
     assert robot.mass_matrix(robot.q0).shape == (200, 200)

@@ -11,7 +11,7 @@ from mbocp_ros.messages import trajectory_message
 from mbocp_ros.planner import Motion, Planner, load_planner
 
 from mbocp.exceptions import InvalidValue, MbocpError, NotConverged, ProblemError, UnknownJoint
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.solution.sent_checks import check_sent, joint_excesses
 from mbocp.solution.sent_states import Follower
 
@@ -54,7 +54,7 @@ def test_a_motion_is_slower_where_its_efforts_ask_for_it(tmp_path: Path) -> None
     """Cubics between nodes take more than the motors have."""
     planner = load_planner(write_weak(tmp_path))
     motion = planner.plan(HERE, {}, {"shoulder": 1.2, "elbow": 0.3})
-    plain = motion_as_sent(motion.solution, is_joined=True, fit=True)
+    plain = compute_motion_sent(motion.solution, is_joined=True, fit=True)
     (worst, *_), _ = check_sent(plain, motion.solution.problem)
     assert worst.kind == "effort"
     assert worst.ratio > 0.01

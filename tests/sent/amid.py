@@ -16,7 +16,7 @@ import mbocp
 from mbocp.exceptions import MbocpError
 from mbocp.problem import Problem
 from mbocp.solution.curves import Curves
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from tests.sent.cases import JERK, PROFILES, RATES, ROBOTS, problem_of
 from tests.sent.reader import limits_of, samples_of, violation_of_points, violation_of_samples
 from tests.sent.rows import add_options, rows_of
@@ -63,7 +63,7 @@ def _plan(name: str, seed: int) -> tuple[Problem, Curves]:
     if name == "ur5e":
         problem = problem.with_(limits={**ROBOTS[name][1], "effort": False, "jerk": JERK})
     plan = mbocp.solve(problem, check=True)
-    return problem, motion_as_sent(plan, 1000.0, fit=True).curves
+    return problem, compute_motion_sent(plan, 1000.0, fit=True).curves
 
 
 def _row(name: str, seed: int, *, is_stop: bool) -> dict[str, Any]:

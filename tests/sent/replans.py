@@ -11,7 +11,7 @@ import numpy as np
 
 import mbocp
 from mbocp.problem import Problem
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from tests.sent.cases import JERK, PROFILES, ROBOTS, problem_of
 from tests.sent.reader import limits_of
 
@@ -58,7 +58,7 @@ def _duration(problem: Problem, rest: float) -> float | dict[str, float]:
 
 def next_of(last: mbocp.Solution, problem: Problem) -> Problem:
     """The rest of a motion a little later, from where it is as it is sent."""
-    curves, bounds = motion_as_sent(last, 1000.0, fit=True).curves, problem.limits
+    curves, bounds = compute_motion_sent(last, 1000.0, fit=True).curves, problem.limits
     q, v, a = (x[0] for x in curves.at(np.array([_AFTER]))[:3])
     start = {
         "q": q,

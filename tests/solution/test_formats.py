@@ -18,19 +18,19 @@ from mbocp.solution.joints_sent import Excess
 from mbocp.solution.problem_facts import Facts
 from mbocp.solution.sampled import JointSamples
 from mbocp.solution.sampled import sample as sample_sent
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 
 from .fabricated import fabricate
 
 
 def sample(solution: Solution, rate: float | None = None, interpolation: str | None = None) -> JointSamples:
-    return sample_sent(motion_as_sent(solution, rate, interpolation))
+    return sample_sent(compute_motion_sent(solution, rate, interpolation))
 
 
 def excesses(
     solution: Solution, rate: float | None = None, interpolation: str | None = None
 ) -> tuple[Excess, ...]:
-    return motion_as_sent(solution, rate, interpolation).excesses
+    return compute_motion_sent(solution, rate, interpolation).excesses
 
 
 def arm(joints: int = 6, **others) -> Solution:
@@ -78,7 +78,7 @@ def test_quintics_have_continuous_accelerations_and_jerks(seed):
 def test_efforts_at_nodes_are_those_of_the_steps_that_begin_there():
     """Where times are rounded to nanoseconds, too, as messages have them."""
     solution = arm(t=np.cumsum([0.0, *np.sqrt(np.arange(2.0, 22.0))]))
-    messages = sample_sent(motion_as_sent(solution, None, "cubic", is_joined=True))
+    messages = sample_sent(compute_motion_sent(solution, None, "cubic", is_joined=True))
     assert (messages.t[:-1] < solution.t[:-1]).any()
     np.testing.assert_array_equal(messages.efforts[:-1], solution.us)
 

@@ -17,7 +17,7 @@ from mbocp.solution.joints_sent import Joints
 from mbocp.solution.nearest import Ends
 from mbocp.solution.problem_facts import Facts, PathRow
 from mbocp.solution.sampled import sample
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 
 from .fabricated import fabricate
 
@@ -80,7 +80,7 @@ def test_the_mean_keeps_what_the_cubics_keep(seed: int, width: float) -> None:
 
 def test_a_limit_of_jerk_takes_the_least_mean() -> None:
     """The acceleration leaps by 4 at both ends and by 8 within: 80 ms at 100 rad/s^3, exactly."""
-    sent = motion_as_sent(swing(), 1000.0, fit=True)
+    sent = compute_motion_sent(swing(), 1000.0, fit=True)
     assert sent.excesses == ()
     assert sent.mean == pytest.approx(8.0 / JERK, rel=1e-2)
     assert sent.curves.nodes[-1] == pytest.approx(1.0 + 8.0 / JERK, abs=2e-3)
@@ -103,11 +103,13 @@ def test_a_motion_that_rests_on_the_way_rests_there_as_it_is_sent(leap: float) -
     vs[40] = leap
     column = [Column("j", "rad")], [Column("j", "rad/s")], [Column("j", "N m")]
     made = replace(fabricate(*column, num_steps=81), t=t, qs=qs, vs=vs, us=us, facts_kept=up.facts_kept)
-    sent = motion_as_sent(made, 500.0, fit=True)
+    sent = compute_motion_sent(made, 500.0, fit=True)
     if leap == 0.5:  # more than what steps are wrong by
         assert sent.mean == 0.0
         assert "its velocities leap" in what_helps(sent, sent.excesses)
-        assert (np.diff(motion_as_sent(made, is_joined=True).times) > 0.0).all()  # controllers ask for it
+        assert (
+            np.diff(compute_motion_sent(made, is_joined=True).times) > 0.0
+        ).all()  # controllers ask for it
         return
     assert sent.excesses == ()
     assert sent.mean > 0.0
@@ -122,7 +124,7 @@ def test_a_motion_that_rests_on_the_way_rests_there_as_it_is_sent(leap: float) -
 
 def test_where_means_take_too_long_the_nearest_motion_is_sent() -> None:
     """The mean would take 8/70 s more, above a tenth; a ramp from 0 to 4 takes 4/70 s."""
-    sent = motion_as_sent(swing(jerk=70.0), 1000.0, fit=True)
+    sent = compute_motion_sent(swing(jerk=70.0), 1000.0, fit=True)
     assert not sent.excesses
     assert 1.0 + 4.0 / 70.0 <= sent.curves.nodes[-1] <= 1.065
     positions = sent.curves.at(sent.times)[0]
@@ -148,13 +150,13 @@ def test_a_long_mean_gives_way_to_a_shorter_motion_where_joints_alone_have_limit
 def test_more_time_lowers_what_is_left() -> None:
     """Accelerations of 4 within 3.5: longer by the root of 4 / 3.5, and whole samples."""
     solution = swing(jerk=None, most=3.5)
-    sent = motion_as_sent(solution, 125.0, fit=True)
+    sent = compute_motion_sent(solution, 125.0, fit=True)
     assert sent.excesses == ()
     assert sent.mean == 0.0
     least = np.sqrt(4.0 / 3.5)
     assert least <= sent.slower <= least + 1.0 / 125.0 + 1e-3
     assert sent.curves.nodes[-1] * 125.0 == pytest.approx(round(sent.curves.nodes[-1] * 125.0), abs=1e-6)
-    (excess,) = {excess.kind for excess in motion_as_sent(solution, 125.0).excesses}
+    (excess,) = {excess.kind for excess in compute_motion_sent(solution, 125.0).excesses}
     assert excess == "acceleration"
 
 
@@ -162,14 +164,14 @@ def test_more_time_lowers_what_is_left() -> None:
 def test_a_motion_that_is_fitted_keeps_its_limits_to_what_solvers_are_exact_by(over: float) -> None:
     """Controllers compare with the limit itself."""
     most = 4.0 / (1.0 + over)
-    sent = motion_as_sent(swing(jerk=None, most=most), is_joined=True, interpolation="cubic", fit=True)
+    sent = compute_motion_sent(swing(jerk=None, most=most), is_joined=True, interpolation="cubic", fit=True)
     assert np.abs(sent.curves.places(50)[1][2]).max() <= most * (1.0 + 2e-7)
     assert sent.slower == pytest.approx(np.sqrt(1.0 + over), abs=1e-6)
 
 
 def test_what_is_too_much_is_left_and_told() -> None:
     """Longer by a tenth at most."""
-    far = motion_as_sent(swing(jerk=None, most=2.0), 125.0, fit=True)
+    far = compute_motion_sent(swing(jerk=None, most=2.0), 125.0, fit=True)
     assert (far.mean, far.slower) == (0.0, 1.0)
     assert far.excesses[0].ratio == pytest.approx(1.0, rel=1e-3)
 
@@ -188,7 +190,7 @@ def test_a_start_that_leads_beyond_a_limit_is_told() -> None:
         limits_v=np.array([[-most], [most]]),
         facts_kept=rows,
     )
-    sent = motion_as_sent(moving, 125.0, fit=True)
+    sent = compute_motion_sent(moving, 125.0, fit=True)
     assert sent.is_nearest
     assert sent.words.startswith("nearest motion within limits")
     (excess,) = sent.excesses
@@ -196,7 +198,7 @@ def test_a_start_that_leads_beyond_a_limit_is_told() -> None:
     assert excess.value == pytest.approx(v + a**2 / (2.0 * jerk), rel=1e-3)
     assert "the state in which it begins" in what_helps(sent, sent.excesses)
     np.testing.assert_allclose(np.diff(sent.times), 1.0 / 125.0)
-    within = motion_as_sent(replace(moving, limits_v=2.0 * moving.limits_v), is_joined=True, fit=True)
+    within = compute_motion_sent(replace(moving, limits_v=2.0 * moving.limits_v), is_joined=True, fit=True)
     assert (within.excesses, within.curves.interpolation) == ((), "quintic")
     assert within.curves.accelerations is not None
     assert within.curves.accelerations[[0, -1], 0] == pytest.approx([a, 0.0], abs=1e-9)
@@ -205,13 +207,13 @@ def test_a_start_that_leads_beyond_a_limit_is_told() -> None:
 def test_controllers_that_join_samples_get_the_nodes() -> None:
     """So that what is between the samples is the motion itself, whatever the rate; without leaps of jerk."""
     for rate in (None, 30.0, 125.0):
-        sent = motion_as_sent(swing(), rate, is_joined=True, fit=True)
+        sent = compute_motion_sent(swing(), rate, is_joined=True, fit=True)
         assert sent.excesses == ()
         assert set(sent.curves.nodes.round(9)) <= set(sent.times)
         assert np.diff(sent.times).min() > 1e-4
-    free = motion_as_sent(swing(jerk=None), None, is_joined=True)
+    free = compute_motion_sent(swing(jerk=None), None, is_joined=True)
     assert (free.curves.interpolation, free.excesses) == ("cubic", ())  # quintics would swing over
-    assert motion_as_sent(swing(jerk=None), None, "quintic", is_joined=True).excesses
+    assert compute_motion_sent(swing(jerk=None), None, "quintic", is_joined=True).excesses
 
 
 def test_a_joint_with_a_limit_of_jerk_that_stands_still_asks_for_nothing() -> None:
@@ -229,7 +231,7 @@ def test_a_joint_with_a_limit_of_jerk_that_stands_still_asks_for_nothing() -> No
         us=one.us,
         facts_kept=Facts(rates=rates),
     )
-    sent = motion_as_sent(solution, 125.0, fit=True)
+    sent = compute_motion_sent(solution, 125.0, fit=True)
     assert sent.excesses == ()
     assert sent.slower >= np.sqrt(4.0 / 3.5) * (1.0 - 1e-3)
 

@@ -14,7 +14,7 @@ import mbocp
 from mbocp.exceptions import LimitsExceeded
 from mbocp.problem import Problem
 from mbocp.solution.sampled import sample
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.solution.sent_checks import check_sent, controls_along
 from mbocp.solution.sent_states import Follower
 from tests.robot.test_elastic import TWO, elastic
@@ -35,7 +35,7 @@ def reach(robot: mbocp.Robot, steps: int, **words: object) -> Problem:
 
 def test_what_is_sent_are_the_motors_by_the_names_of_the_joints(robot: mbocp.Robot) -> None:
     solution = mbocp.solve(reach(robot, 20), check=True)
-    sent = motion_as_sent(solution, 500.0)
+    sent = compute_motion_sent(solution, 500.0)
     motion = sample(sent)
     assert motion.joints == ("shoulder", "elbow")
     assert motion.left_out == ()
@@ -48,7 +48,7 @@ def test_links_swing_to_where_the_solution_has_them_as_steps_get_short(robot: mb
     apart = []
     for steps in (20, 60):
         solution = mbocp.solve(reach(robot, steps), check=True)
-        follower = Follower.of(motion_as_sent(solution), robot)
+        follower = Follower.of(compute_motion_sent(solution), robot)
         times, qs, _, controls = controls_along(follower)
         nodes = np.searchsorted(times, solution.t - 1e-9)
         apart.append(np.abs(qs[nodes] - solution.qs).max())
@@ -60,7 +60,7 @@ def test_links_swing_to_where_the_solution_has_them_as_steps_get_short(robot: mb
 def test_controls_of_a_motion_as_it_is_sent_move_the_whole_robot_along_it(robot: mbocp.Robot) -> None:
     """Forward, by Pinocchio's dynamics of links and rotors together."""
     solution = mbocp.solve(reach(robot, 20), check=True)
-    follower = Follower.of(motion_as_sent(solution, interpolation="quintic"), robot)
+    follower = Follower.of(compute_motion_sent(solution, interpolation="quintic"), robot)
     curves, model, data = follower.sent.curves, robot.model, robot.model.createData()
 
     def at(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -82,7 +82,7 @@ def test_controls_of_a_motion_as_it_is_sent_move_the_whole_robot_along_it(robot:
 def test_limits_of_both_sides_are_looked_at(robot: mbocp.Robot, tmp_path: Path) -> None:
     solution = mbocp.solve(reach(robot, 20), check=True)
     (joint,) = robot.elastic
-    sent = motion_as_sent(solution, 500.0)
+    sent = compute_motion_sent(solution, 500.0)
     _, qs, vs, controls = controls_along(Follower.of(sent, robot))
     names = [column.name for column in solution.labels.u]
     largest = {

@@ -15,7 +15,7 @@ import mbocp
 from mbocp import Problem, Solution
 from mbocp.cli.results import export
 from mbocp.exceptions import LimitsExceeded
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.solution.sent_checks import check_sent, path_excesses
 from mbocp.solution.sent_states import Follower
 
@@ -29,7 +29,7 @@ def test_a_line_that_is_left_between_nodes_is_told(tmp_path: Path) -> None:
     problem = mbocp.load_problem(LINE).with_(steps=10, integrator={"scheme": "rk4"})  # no rows within steps
     solution = mbocp.solve(problem)
     assert "between nodes the path constraint line of tool0" in solution.advice
-    sent = motion_as_sent(solution, 1000.0)
+    sent = compute_motion_sent(solution, 1000.0)
     (found,), unseen = path_excesses(Follower.of(sent, problem.robot), problem)
     assert not unseen
     robot, frame = problem.robot, problem.robot.frame_id("tool0")
@@ -87,14 +87,14 @@ def test_what_smoothing_leaves_of_a_path_falls_with_the_steps_as_advice_says(tmp
     with pytest.raises(LimitsExceeded, match=r"follow of tool0: 0\.0026.*take about 30 steps"):
         smooth_bend("midpoint", 12).export(table, rate=1000)
     fine = smooth_bend("midpoint", 20)
-    assert motion_as_sent(fine, 1000.0, fit=True).mean == pytest.approx(fine.t[1], rel=1e-6)
+    assert compute_motion_sent(fine, 1000.0, fit=True).mean == pytest.approx(fine.t[1], rel=1e-6)
     assert fine.export(table, rate=1000).exists()
 
 
 def test_what_is_sent_may_end_a_thousandth_of_a_path_before_it() -> None:
     """Round-off of a smooth motion is no excess; a millimetre is one."""
     solution = smooth_bend("midpoint", 20)
-    follower = Follower.of(motion_as_sent(solution, 1000.0, fit=True), solution.load_robot())
+    follower = Follower.of(compute_motion_sent(solution, 1000.0, fit=True), solution.load_robot())
     for more, is_left in ((1e-6, False), (2e-3, True)):
         problem = solution.load_problem().with_(path=[bend(more)])
         found, _ = path_excesses(follower, problem)
@@ -104,7 +104,7 @@ def test_what_is_sent_may_end_a_thousandth_of_a_path_before_it() -> None:
 def test_a_constraint_is_looked_at_while_it_holds() -> None:
     problem = mbocp.load_problem(LINE).with_(steps=10, integrator={"scheme": "rk4"})  # no rows within steps
     solution = mbocp.solve(problem)
-    sent = motion_as_sent(solution, 1000.0)
+    sent = compute_motion_sent(solution, 1000.0)
     (whole,), _ = path_excesses(Follower.of(sent, problem.robot), problem)
     tables = {"kind": "line", "frame": "tool0", "tolerance": 0.001}
     before = whole.time * 10 // 1.5 * 0.15 - 0.15  # the node before the step before that
@@ -118,18 +118,20 @@ def test_a_constraint_is_looked_at_while_it_holds() -> None:
 def test_what_is_touched_as_it_is_sent_is_told() -> None:
     problem = mbocp.load_problem(SLALOM)
     blind = mbocp.solve(problem.with_(obstacle=[]), check=True)
-    excesses, _ = check_sent(motion_as_sent(blind, 1000.0), problem)
+    excesses, _ = check_sent(compute_motion_sent(blind, 1000.0), problem)
     (nearest,) = [one for one in excesses if one.kind == "path"]
     assert nearest.name.split(" and ")[1] in ("box", "ball")
     assert nearest.value < 0.0
     clear = mbocp.solve(problem, check=True)
-    assert check_sent(motion_as_sent(clear, 1000.0), problem) == ((), ())
+    assert check_sent(compute_motion_sent(clear, 1000.0), problem) == ((), ())
 
 
 def test_forces_and_bodies_that_are_not_sent_are_named() -> None:
     problem = mbocp.load_problem(EXAMPLES / "arms" / "pick_and_place.toml")
     solution = mbocp.solve(problem)
-    excesses, unseen = path_excesses(Follower.of(motion_as_sent(solution, 1000.0), problem.robot), problem)
+    excesses, unseen = path_excesses(
+        Follower.of(compute_motion_sent(solution, 1000.0), problem.robot), problem
+    )
     assert {"level", "contact_force of grip"} <= set(unseen)
     assert "straight down" not in unseen
     assert not excesses
@@ -144,7 +146,7 @@ def test_a_motion_of_first_order_has_the_accelerations_of_its_scheme(steps: int)
     solution = mbocp.solve(problem, check=True)
     accelerations = np.diff(solution.vs, axis=0) / np.diff(solution.t)[:, None]
     assert np.abs(accelerations).max() == pytest.approx(20.0, rel=1e-3)
-    sent = motion_as_sent(solution)
+    sent = compute_motion_sent(solution)
     assert sent.excesses == ()
     assert sent.lag == pytest.approx(solution.t[1] / 2.0)
     assert sent.curves.nodes[-1] == pytest.approx(solution.duration)
@@ -160,7 +162,7 @@ def test_a_motion_of_first_order_that_ends_in_motion_ends_where_it_does() -> Non
         steps=30, scheme="se1", goal={"q": [0.6, -1.2, 1.0, -1.3, -1.5, 0.3], "v": [0.1] * 6}
     )
     solution = mbocp.solve(problem, check=True)
-    curves = motion_as_sent(solution).curves
+    curves = compute_motion_sent(solution).curves
     np.testing.assert_array_equal(curves.q[-1], solution.qs[-1])
     np.testing.assert_array_equal(curves.v[-1], solution.vs[-1])
     assert curves.nodes[-1] == pytest.approx(solution.duration + solution.t[1] / 2.0)
@@ -185,7 +187,7 @@ def test_a_motion_of_first_order_that_begins_in_motion_has_little_more_than_its_
     accelerations = np.diff(solution.vs, axis=0) / h
     first = np.abs(accelerations[0])
     assert first.max() > 19.0  # nearly at its limit from the start
-    sent = motion_as_sent(solution)
+    sent = compute_motion_sent(solution)
     curves = sent.curves
     assert sent.lag == 0.0
     ends = (0, len(solution.t) - 1)

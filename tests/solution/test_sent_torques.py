@@ -16,7 +16,7 @@ from mbocp.cli.results import export
 from mbocp.exceptions import LimitsExceeded
 from mbocp.solution.export_formats import prepare_within
 from mbocp.solution.sampled import sample
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.solution.sent_checks import controls_along, joint_excesses
 from mbocp.solution.sent_states import Follower
 
@@ -29,7 +29,7 @@ def test_torques_are_those_of_the_solution_as_steps_get_short(name: str) -> None
     apart = []
     for steps in (50, 150):
         s = mbocp.solve(problem.with_(steps=steps, controls="linear", scheme="gauss2"))
-        follower = Follower.of(motion_as_sent(s), problem.robot)
+        follower = Follower.of(compute_motion_sent(s), problem.robot)
         assert follower.has_controls
         times, _, _, controls = controls_along(follower)
         apart.append(np.abs(controls - s.controls_at(times)).max() / np.abs(s.us).max())
@@ -39,7 +39,7 @@ def test_torques_are_those_of_the_solution_as_steps_get_short(name: str) -> None
 
 def test_what_takes_too_much_is_told() -> None:
     s = mbocp.solve(EXAMPLES / "arms" / "ur5_fastest.toml")
-    robot, sent = s.load_robot(), motion_as_sent(s)
+    robot, sent = s.load_robot(), compute_motion_sent(s)
     assert not joint_excesses(Follower.of(sent, robot))
     fast = dataclasses.replace(sent, curves=sent.curves.slow(0.8))
     worst, *_ = joint_excesses(Follower.of(fast, robot))
@@ -115,17 +115,17 @@ def test_rates_of_torques_are_kept_between_samples(tmp_path: Path) -> None:
     ends = [pin.rnea(model, model.createData(), row, still, still) for row in (q[0], q[-1])]
     largest = np.abs(np.diff(np.vstack([ends[0], torques, ends[1]]), axis=0) * rate).max()
     assert 0.95 * most < largest < 1.01 * most
-    fast = motion_as_sent(s, rate, fit=True, mean=float(s.t[1]))
+    fast = compute_motion_sent(s, rate, fit=True, mean=float(s.t[1]))
     fast = dataclasses.replace(fast, curves=fast.curves.slow(0.9))
     assert {one.kind for one in joint_excesses(Follower.of(fast, problem.robot))} == {"effort rate"}
 
 
 def test_loops_and_accelerations_as_controls_do_not_say_torques() -> None:
     four_bar = mbocp.load_problem(EXAMPLES / "loops" / "four_bar.toml")
-    assert not Follower.of(motion_as_sent(mbocp.solve(four_bar)), four_bar.robot).has_controls
+    assert not Follower.of(compute_motion_sent(mbocp.solve(four_bar)), four_bar.robot).has_controls
     kinematic = mbocp.load_robot("double_pendulum", dynamics=False)
     problem = mbocp.Problem.create(kinematic, goal={"q": [1.0, 0.5], "v": 0.0}, duration=1.0, steps=10)
-    assert not Follower.of(motion_as_sent(mbocp.solve(problem)), kinematic).has_controls
+    assert not Follower.of(compute_motion_sent(mbocp.solve(problem)), kinematic).has_controls
 
 
 @pytest.mark.parametrize("changes", [{"limits": {"jerk": 60.0, "effort": True}}, {"scheme": "se1"}])
@@ -141,5 +141,5 @@ def test_efforts_in_a_file_are_those_of_the_motion_in_it(tmp_path: Path, changes
     data, damping = model.createData(), model.damping
     efforts = [pin.rnea(model, data, q, v, a) + damping * v for q, v, a in zip(*rows[:3], strict=True)]
     np.testing.assert_allclose(rows[3], efforts, atol=1e-9)
-    sent = motion_as_sent(solution, 250.0, "quintic", fit=True)
+    sent = compute_motion_sent(solution, 250.0, "quintic", fit=True)
     assert np.abs(rows[3] - sample(sent).efforts).max() > 0.5  # [N m]; those of the solution are others

@@ -11,7 +11,7 @@ import pytest
 import mbocp
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.problem import SolverOptions
-from mbocp.solvers.added import GROUP, added_solvers
+from mbocp.solvers.added import GROUP, find_added_solvers
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "paper" / "rigid_pendulum.toml"
 SOLVER = """
@@ -40,10 +40,10 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
         (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: own-solver\nVersion: 1.0\n")
         (facts / "entry_points.txt").write_text(f"[{GROUP}]\ndamped = {entry}\n")
         monkeypatch.syspath_prepend(tmp_path)
-        added_solvers.cache_clear()
+        find_added_solvers.cache_clear()
 
     yield put
-    added_solvers.cache_clear()
+    find_added_solvers.cache_clear()
 
 
 def test_its_name_is_a_method(install: Install) -> None:

@@ -11,14 +11,14 @@ import pytest
 
 from mbocp.exceptions import NativeMismatch
 from mbocp.symbolic import ModelFunctions, check_versions, model_functions, self_test
-from mbocp.symbolic.bridge import _installed_version, bridge
+from mbocp.symbolic.bridge import _read_installed_version, bridge
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-INSTALLED = "mbocp.symbolic.bridge._installed_version"
+INSTALLED = "mbocp.symbolic.bridge._read_installed_version"
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 
 
@@ -28,7 +28,7 @@ def test_what_is_installed_fits():
 
 @pytest.mark.parametrize("package", ["pin", "libpinocchio", "casadi"])
 def test_another_version_names_both_and_the_remedy(package, monkeypatch):
-    monkeypatch.setattr(INSTALLED, lambda name: "9.9.9" if name == package else _installed_version(name))
+    monkeypatch.setattr(INSTALLED, lambda name: "9.9.9" if name == package else _read_installed_version(name))
     remedy = r"python -m pip install pin==4\.1\.0 libpinocchio==4\.1\.0 casadi==3\.8\.2"
     with pytest.raises(NativeMismatch, match=rf"against {package} \d\S*, but {package} 9\.9\.9.*{remedy}"):
         check_versions()
@@ -36,9 +36,9 @@ def test_another_version_names_both_and_the_remedy(package, monkeypatch):
 
 @pytest.mark.parametrize(("package", "fits"), [("casadi", True), ("pin", False), ("libpinocchio", False)])
 def test_another_patch_of_casadi_alone_fits(package, fits, monkeypatch):
-    compiled = _installed_version(package)
+    compiled = _read_installed_version(package)
     other = compiled.rpartition(".")[0] + ".99"
-    monkeypatch.setattr(INSTALLED, lambda name: other if name == package else _installed_version(name))
+    monkeypatch.setattr(INSTALLED, lambda name: other if name == package else _read_installed_version(name))
     with nullcontext() if fits else pytest.raises(NativeMismatch, match=rf"{package} {other}"):
         check_versions()
 

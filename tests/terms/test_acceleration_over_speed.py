@@ -15,7 +15,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.formulation import formulate
 from mbocp.problem import Problem, parse_problem, problem_to_toml
 from mbocp.robot.payload import Payload
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.solution.sent_checks import path_excesses
 from mbocp.solution.sent_states import Follower
 from tests.formulation.stages import check_derivatives
@@ -198,7 +198,7 @@ def test_they_are_kept_as_a_motion_is_sent(tmp_path: Path, controls: str) -> Non
     for k in (0, 1):
         most = np.interp(speeds[:, k], degree * np.array([0.0, 90.0, 360.0]), degree * np.array(LIGHT)[:, k])
         assert (np.abs(a[:, k]) <= 1.002 * most + 1e-3).all()
-    sent = motion_as_sent(s, 1000.0)
+    sent = compute_motion_sent(s, 1000.0)
     fast = Follower.of(replace(sent, curves=sent.curves.slow(0.9)), problem.robot)
     assert "own's acceleration of joint1 slowing down" in {
         one.name for one in path_excesses(fast, problem)[0]

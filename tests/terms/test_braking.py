@@ -118,9 +118,9 @@ def cut_corner(controls: str = "constant", steps: int = 16, **changes: float) ->
     )
 
 
-def missing_reserve(s: mbocp.Solution) -> float:
+def find_missing_reserve(s: mbocp.Solution) -> float:
     q, v = (x[:, 0] for x in Curves(s.t, s.qs, s.vs).places(20)[1][:2])
-    return Braking.missing_reserve(cut_corner().path[0], q, v)
+    return Braking.find_missing_reserve(cut_corner().path[0], q, v)
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Reluctant:
 def test_more_reserve_is_had_from_the_guess_where_it_is_not_from_the_motion() -> None:
     s = RoomToBrake(Reluctant(needs_guess=True)).run(Job.of(cut_corner()))
     assert s.is_stationary
-    assert missing_reserve(s) <= 2e-4
+    assert find_missing_reserve(s) <= 2e-4
 
 
 def test_a_reserve_that_is_not_had_is_told() -> None:
@@ -147,15 +147,15 @@ def test_a_reserve_that_is_not_had_is_told() -> None:
     assert s.is_stationary
     told = re.search(r"falls short of its reserve: braking of joint1 by ([0-9.]+) rad/s", s.advice)
     assert told is not None
-    assert float(told[1]) == pytest.approx(missing_reserve(s), rel=0.2)
+    assert float(told[1]) == pytest.approx(find_missing_reserve(s), rel=0.2)
 
 
 def test_nodes_get_more_reserve_where_controls_are_constant() -> None:
     """Where long steps cut a corner, until the cubics between them keep it."""
     problem = cut_corner()
     s, alone = mbocp.solve(problem, check=True), OneSolve().run(Job.of(problem))
-    assert missing_reserve(alone) > 0.01
-    assert missing_reserve(s) <= 2e-4
+    assert find_missing_reserve(alone) > 0.01
+    assert find_missing_reserve(s) <= 2e-4
     assert alone.duration < s.duration < 1.1 * alone.duration
     assert any(phase.name == "reserves at nodes" for phase in s.phases)
     (constraint,) = s.load_problem().path
@@ -164,7 +164,7 @@ def test_nodes_get_more_reserve_where_controls_are_constant() -> None:
 
 def test_it_holds_within_long_steps_and_costs_little() -> None:
     s, fine = (mbocp.solve(cut_corner("stages", steps), check=True) for steps in (16, 48))
-    assert missing_reserve(s) <= 1e-6
+    assert find_missing_reserve(s) <= 1e-6
     assert fine.duration < s.duration < 1.01 * fine.duration
     assert not any(phase.name == "reserves at nodes" for phase in s.phases)
     within = [name for name in s.path_names if name.startswith("braking") and "steps" in name]

@@ -43,7 +43,7 @@ def rate_of_speeds(mechanics: ForwardMechanics, q: ca.SX, s: ca.SX, u: ca.SX, ga
     return mechanics.speed_rate(q, s, u, gamma)
 
 
-def driven_acceleration(node: Point, u: ca.SX) -> ca.SX:
+def accelerate_driven(node: Point, u: ca.SX) -> ca.SX:
     """Under a control, whatever the scheme makes of them."""
     parts = node.mechanics.joint_space.parts
     rotations = "dcm" if any(part.at_matrix >= 0 for part in parts) else "quaternion"

@@ -28,7 +28,7 @@ from mbocp.formulation.motion import Passage
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import has_cubics
 from mbocp.problem.path import PathConstraint
-from mbocp.problem.speed_lines import steps_held
+from mbocp.problem.speed_lines import find_steps_held
 from mbocp.robot import Label
 from mbocp.terms.braking import Braking, stop
 
@@ -94,7 +94,7 @@ class BrakingWithin(Feature):
         lower, upper = infinite_bounds(problem.num_steps, len(self.rows))
         first = 0
         for path, _ in _brakings(problem):
-            held, columns = steps_held(path, problem), slice(first, first + path.rows)
+            held, columns = find_steps_held(path, problem), slice(first, first + path.rows)
             held &= ~problem.timeline.is_impact
             lower[held, columns], upper[held, columns] = path.lower, path.upper
             first += path.rows
@@ -102,14 +102,14 @@ class BrakingWithin(Feature):
 
     def row_words(self, problem: Problem, speeds: tuple[Label, ...]) -> Sequence[str]:
         """Of which constraint."""
-        return names_of_braking(problem)
+        return name_braking_rows(problem)
 
     def state_words(self, problem: Problem) -> Mapping[str, str]:
         """What its limits are called."""
         return {BRAKING_WITHIN: "path constraint within a step"}
 
 
-def names_of_braking(problem: Problem) -> tuple[str, ...]:
+def name_braking_rows(problem: Problem) -> tuple[str, ...]:
     """Return names for the rows within steps of a problem, as of path constraints; none without any."""
     labels = [label for path, _ in _brakings(problem) for label in path.labels]
     return tuple(f"{label.name} {place}" for place in _PLACES for label in labels)

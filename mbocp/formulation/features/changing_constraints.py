@@ -16,7 +16,7 @@ from mbocp.formulation.motion import Passage
 from mbocp.formulation.steps import StepSymbols
 from mbocp.integrators.switched import ActiveForces
 from mbocp.mechanics.diagnostics import ConstraintViolation, worst_violation
-from mbocp.mechanics.held_frames import HeldFrame, held_labels
+from mbocp.mechanics.held_frames import HeldFrame, label_held
 from mbocp.problem import Problem
 from mbocp.problem.timeline.switches import SwitchTable
 from mbocp.robot import Label
@@ -56,7 +56,7 @@ class Switches(Feature):
     @property
     def num_algebraic(self) -> int:
         """Rows of the held frames."""
-        return len(held_labels(self.held))
+        return len(label_held(self.held))
 
     @property
     def stage_parameters(self) -> Mapping[str, int]:
@@ -163,7 +163,7 @@ def add_held_columns(problem: Problem, lams: Array) -> Array:
     return np.hstack([lams, np.zeros((len(lams), missing))]) if missing else lams
 
 
-def switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintViolation:
+def measure_switched_violation(table: SwitchTable, qs: Array, vs: Array) -> ConstraintViolation:
     """Largest violation of what acts, at the start and at the nodes after the steps in which it does.
 
     What is held where it is counts from where it was when its span began. Velocities count there, too, after

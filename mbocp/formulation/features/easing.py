@@ -27,7 +27,7 @@ def ease_terms(problem: Problem, terms: tuple[RunningTerm, ...]) -> tuple[Runnin
     return (*terms, Velocity()) if is_effort_alone and is_free and problem.coordinates == "joint" else terms
 
 
-def easing_weights(problem: Problem, terms: tuple[RunningTerm, ...]) -> Array | None:
+def choose_easing_weights(problem: Problem, terms: tuple[RunningTerm, ...]) -> Array | None:
     """Weights on velocities that may ease a problem, shape (nv,): those of `"auto"`, for its effort.
 
     None where the problem has weights of its own, or its functions know none.

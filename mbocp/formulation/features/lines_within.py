@@ -28,7 +28,7 @@ from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis, shares_of
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import has_cubics
-from mbocp.problem.speed_lines import SpeedLines, speed_lines, steps_held
+from mbocp.problem.speed_lines import SpeedLines, find_steps_held, speed_lines
 from mbocp.robot import Label
 
 LINES_WITHIN = "lines_within"  # the block
@@ -115,7 +115,10 @@ class LinesWithin(Feature):
         lower, upper = infinite_bounds(problem.num_steps, len(self.rows))
         takes_time, first = ~problem.timeline.is_impact, 0
         for _, one in _parts(problem):
-            held, columns = steps_held(one.path, problem) & takes_time, slice(first, first + one.path.rows)
+            held, columns = (
+                find_steps_held(one.path, problem) & takes_time,
+                slice(first, first + one.path.rows),
+            )
             if one.control is not None and problem.controls == "linear":  # those before end with the same
                 held[1:] &= ~held[:-1]
             lower[held, columns], upper[held, columns] = one.path.lower, one.path.upper

@@ -69,15 +69,15 @@ def _control_rate(at: Passage) -> Any:
 
 def _control_rate_from_start(at: Passage) -> Any:
     change = at.units_of_u * (at.u - at.before["control"])
-    return change / (_spacing_from_start(at) * at.units["control_rate"])
+    return change / (_measure_spacing_from_start(at) * at.units["control_rate"])
 
 
 def _jerk(at: Passage) -> Any:
     change = at.acceleration - at.units["acceleration"] * at.before["acceleration"]
-    return change / (_spacing_from_start(at) * at.units["jerk"])
+    return change / (_measure_spacing_from_start(at) * at.units["jerk"])
 
 
-def _spacing_from_start(at: Passage) -> Any:
+def _measure_spacing_from_start(at: Passage) -> Any:
     return at.spacing * (1.0 + at.has_before) / 2.0  # from the start in half of the first step
 
 

@@ -117,7 +117,7 @@ class ExplicitFormulation(JointFormulation):
         costates = self._velocity_duals(tangent_duals(self.space, at, iterate.xs[:, at.z], states), qs)
         lams, zetas = iterate.ys / dts, iterate.ms[:, at.ndx :] / dts**2
         if robot.nc:
-            lams, zetas = self._projected_multipliers(motion), np.zeros((len(motion.us), robot.nc))
+            lams, zetas = self._compute_projected_multipliers(motion), np.zeros((len(motion.us), robot.nc))
         mus = costates if robot.drives else duals_of_momenta(problem.robot, qs, vs, costates)
         return Duals(lams, zetas, states, costates, mus)
 
@@ -132,7 +132,7 @@ class ExplicitFormulation(JointFormulation):
         nv, maps = robot.nv, speed_maps(robot, qs)
         return np.hstack([duals[:, :nv], np.einsum("nij,nj->ni", maps, duals[:, nv:])])
 
-    def _projected_multipliers(self, motion: Motion) -> Array:
+    def _compute_projected_multipliers(self, motion: Motion) -> Array:
         """Multipliers of the constraints at the beginning of each step, from the projected accelerations."""
         problem, robot = self.problem, self.problem.robot
         mechanics = ForwardMechanics(robot)

@@ -10,7 +10,7 @@ from mbocp._arrays import dataclass
 from mbocp.formulation.features.accelerations import mean_acceleration
 from mbocp.formulation.steps import StepDerivatives, Steps, StepSymbols
 from mbocp.integrators import TAU, State, evaluation_point, step_rows
-from mbocp.integrators.switched import switched_point, switched_rows
+from mbocp.integrators.switched import evaluate_switched_point, write_switched_rows
 from mbocp.mechanics import Mechanics, natural_mechanics
 from mbocp.robot import Robot
 
@@ -43,9 +43,9 @@ class ImplicitSteps(Steps):
         impulse, difference = force * at.y, space.configuration_difference
         states = (mechanics, scheme, before, after)
         if at.switched is not None:
-            point = switched_point(*states, dt, at.switched)
+            point = evaluate_switched_point(*states, dt, at.switched)
             own = (impulse, at.controls, dt, at.switched)
-            rows = switched_rows(*states, point, *own, difference=difference)
+            rows = write_switched_rows(*states, point, *own, difference=difference)
         else:
             point = evaluation_point(*states, dt)
             rows = step_rows(*states, point, impulse, at.controls, dt, difference=difference)

@@ -12,7 +12,11 @@ from mbocp._arrays import Array, dataclass
 from mbocp.formulation.base import Duals, Formulation
 from mbocp.formulation.build import check_size
 from mbocp.formulation.end_rows import EndRows, EndTarget
-from mbocp.formulation.features.changing_constraints import breaks_symmetries, labels_of, switched_violation
+from mbocp.formulation.features.changing_constraints import (
+    breaks_symmetries,
+    labels_of,
+    measure_switched_violation,
+)
 from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.motion import Motion, NodeSlopes
 from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels
@@ -25,7 +29,7 @@ from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme
 from mbocp.robot import Label
-from mbocp.terms.own_parts import running_terms
+from mbocp.terms.own_parts import collect_running_terms
 
 _KEPT = 16  # functions of configuration spaces
 
@@ -76,7 +80,7 @@ class JointFormulation(Formulation):
         """Largest violation of the robot's constraints."""
         table = self.problem.timeline.switches
         if table is not None:
-            return switched_violation(table, motion.qs, motion.vs)
+            return measure_switched_violation(table, motion.qs, motion.vs)
         return constraint_violation(self.problem.robot, motion.qs, motion.vs)
 
     def velocity_multipliers(self, multipliers: Array) -> Array:
@@ -115,14 +119,14 @@ def joint_pieces(
         groups=(),
         end_rows=rows,
         end=EndTarget(rows.D_q, rows.D_rate, np.asarray(goal.value)),
-        turning=turning_factors(robot.turns, space, at),
+        turning=find_turning_factors(robot.turns, space, at),
         x_start=States(problem, signature.features, at).first(z, start_speeds),
         speed_bounds=speed_bounds,
         labels=labels,
     )
 
 
-def turning_factors(turns: Array, space: ConfigurationSpace, layout: StateLayout) -> Array:
+def find_turning_factors(turns: Array, space: ConfigurationSpace, layout: StateLayout) -> Array:
     """Angle [rad] by unit of each entry of a state's tangent, shape (ndx,); 0: not an angle.
 
     The joints' own angles only. Attitudes of free-flyers and ball joints have none. `turns` are those of the
@@ -185,7 +189,7 @@ def momenta_of_symmetries(
     has_more = problem.robot.drives or problem.inequalities or problem.controls == "linear"
     if has_more or breaks_symmetries(problem):
         return np.zeros((len(qs), 0)), ()
-    tracked, weighs_changes = weighed_components(problem), weighs_control_changes(problem)
+    tracked, weighs_changes = find_weighed_components(problem), weighs_control_changes(problem)
     return control_momenta(problem.robot, qs, vs, costates, tracked=tracked, weighs_changes=weighs_changes)
 
 
@@ -194,13 +198,13 @@ def weighs_control_changes(problem: Problem) -> bool:
     return bool(np.any(problem.heaviest_cost.control_rate))
 
 
-def weighed_components(problem: Problem) -> Array | None:
+def find_weighed_components(problem: Problem) -> Array | None:
     """Components of (q, p) that the running cost looks at; one on velocities counts as one on momenta."""
     robot, nv = problem.robot, problem.robot.nv
     joints = ConfigurationSpace(robot.model)
     given = term_numbers(problem, problem.heaviest_cost, joints)
     weights = np.zeros(2 * nv)
-    for term in running_terms(given):
+    for term in collect_running_terms(given):
         weights += term.touches(given)
     limits = problem.widest_limits
     for side in (limits.v_lower, limits.v_upper):

@@ -15,8 +15,8 @@ from mbocp.formulation.features.changing_constraints import (
     breaks_symmetries,
     fill_impulses,
     fill_lengths,
+    measure_switched_violation,
     repeat_at_impacts,
-    switched_violation,
     ties_at_end,
     worse_of,
 )
@@ -26,14 +26,14 @@ from mbocp.formulation.pieces import Pieces, RowLabels, impulses
 from mbocp.formulation.schemes.implicit_steps import NaturalSteps
 from mbocp.formulation.schemes.joint_states import (
     boundary_duals,
+    find_weighed_components,
     stage_costs,
-    weighed_components,
     weighs_control_changes,
 )
 from mbocp.formulation.states import States
 from mbocp.integrators import VELOCITY_TAU
 from mbocp.mechanics import NaturalMechanics, NaturalSpace, duals_of_momenta, natural_mechanics
-from mbocp.mechanics.diagnostics import ConstraintViolation, kept_symmetries, worst_violation
+from mbocp.mechanics.diagnostics import ConstraintViolation, find_kept_symmetries, worst_violation
 from mbocp.problem import Problem
 from mbocp.programme import Iterate, StagewiseProgramme, zero_multipliers
 from mbocp.robot import Label
@@ -170,7 +170,7 @@ class NaturalFormulation(Formulation):
         if problem.inequalities or breaks_symmetries(problem):
             return np.zeros((nodes, 0)), ()
         changes = weighs_control_changes(problem)
-        kept = kept_symmetries(problem.robot, weighed_components(problem), weighs_changes=changes)
+        kept = find_kept_symmetries(problem.robot, find_weighed_components(problem), weighs_changes=changes)
         zs, ws = iterate.xs[:, at.z], iterate.xs[:, at.s]
         states = duals.states[:, : at.nw + at.ns]
         columns = [np.einsum("ni,ni->n", states, self.space.generator(s, zs, ws)) for s in kept]
@@ -192,7 +192,7 @@ class NaturalFormulation(Formulation):
         acts = np.ones_like(position)
         acts[1:, own:] = table.own
         found = worst_violation(position * acts, velocity * acts, names)
-        return worse_of(found, switched_violation(table, motion.qs, motion.vs))
+        return worse_of(found, measure_switched_violation(table, motion.qs, motion.vs))
 
     def velocity_multipliers(self, multipliers: Array) -> Array:
         """Zeros: bodies have no limits."""

@@ -94,9 +94,9 @@ class _Derivation:
         hessian = ca.triu(chain.hessian(both, ca.vertcat(at.m, 1)))
         slopes = chain.jacobian(c), chain.jacobian(cost)
         found = ca.densify(c.value), cost.value, *slopes, hessian
-        return StepDerivatives(*found, partial(self._lengthening, found[:2]), chain.resolve)
+        return StepDerivatives(*found, partial(self._compute_lengthening, found[:2]), chain.resolve)
 
-    def _lengthening(self, c_and_cost: Sequence[ca.SX]) -> ca.SX:
+    def _compute_lengthening(self, c_and_cost: Sequence[ca.SX]) -> ca.SX:
         at, (c, cost) = self._at, self._chain.resolve(c_and_cost)
         by_theta = ca.gradient(cost + ca.dot(at.m, c), at.theta)
         return at.given["dt"] * (ca.jacobian(at.given["dt"], at.theta) @ by_theta)

@@ -23,7 +23,7 @@ from mbocp._arrays import Array, dataclass, frozen_array
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 SIZE = 12  # numbers of a body
 TURNING = ("revolute", "continuous")  # joints whose displacement is an angle, known up to full turns
@@ -138,7 +138,7 @@ class BodyTree:
         if joint == 0:
             return np.eye(3), np.zeros(3), np.zeros((3, len(self.sliding)))
         q = pin.neutral(model)
-        data = working_data(model)
+        data = make_working_data(model)
         pin.computeJointJacobians(model, data, q)
         jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL_WORLD_ALIGNED).reshape(6, model.nv)
         at = data.oMi[joint]
@@ -149,7 +149,7 @@ class BodyTree:
     def coordinates(self, qs: Array) -> Array:
         """Natural coordinates of joint configurations, shape (k, n) from (k, nq)."""
         model = self.robot.model
-        data = working_data(model)
+        data = make_working_data(model)
         out = np.empty((len(qs), self.n))
         out[:, : len(self.sliding)] = qs[:, list(self.sliding_q)]
         turning = self.turning
@@ -164,7 +164,7 @@ class BodyTree:
     def jacobian(self, q: Array) -> Array:
         """Derivative of the natural coordinates along the joints' tangent space, shape (n, nv)."""
         model = self.robot.model
-        data = working_data(model)
+        data = make_working_data(model)
         pin.computeJointJacobians(model, data, q)
         out = np.zeros((self.n, model.nv))
         for i, dof in enumerate(self.sliding):
@@ -192,7 +192,7 @@ def body_tree(robot: Robot) -> BodyTree:
     model = robot.model
     _refuse(robot)
     placements = _placements(model, pin.neutral(model))
-    data = working_data(model)
+    data = make_working_data(model)
     pin.computeJointJacobians(model, data, pin.neutral(model))
     bodies: list[Body] = []
     sliding: list[tuple[int, int]] = []
@@ -244,7 +244,7 @@ def _refuse_unknown_turns(robot: Robot, follower: Body, leader: Body) -> None:
 
 
 def _placements(model: pin.Model, q: Array) -> list[pin.SE3]:
-    data = working_data(model)
+    data = make_working_data(model)
     pin.forwardKinematics(model, data, q)
     return [placement.copy() for placement in data.liMi]
 

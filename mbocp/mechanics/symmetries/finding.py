@@ -35,7 +35,7 @@ from mbocp._arrays import Array, null_space
 from mbocp.mechanics.symmetries.fields import Ansatz, Symmetry
 from mbocp.mechanics.symmetries.spins import independent_parts, part_name
 from mbocp.robot import Robot, SpringDamper
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _RANK_TOLERANCE = 1e-8  # relative, of singular values that count as zero; they come out at 1e-15 or at 1e-2
 # A body with less inertia by mass has no orientation: a radius of gyration of 10 um.
@@ -77,7 +77,7 @@ def _symmetries_of(robot: Robot, joints: frozenset[int]) -> tuple[Symmetry, ...]
     basis, omegas = _with_actuation(robot, ansatz, basis)
     return tuple(
         ansatz.symmetry(name, basis @ weights, np.tensordot(weights, omegas, 1))
-        for name, weights in _named_basis(basis[-6:])
+        for name, weights in _name_basis(basis[-6:])
     )
 
 
@@ -118,7 +118,7 @@ def _random_configurations(robot: Robot, count: int) -> Iterator[Array]:
 def _body_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) -> Iterator[Array]:
     """Rows of J_i X - s = 0 in the coordinates of each body with mass or inertia; X = features @ theta."""
     model = robot.model
-    data = working_data(model)
+    data = make_working_data(model)
     pin.computeJointJacobians(model, data, q)
     for joint in sorted(joints):
         inertia = model.inertias[joint]
@@ -136,7 +136,7 @@ def _body_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) 
 def _motion_rows(robot: Robot, q: Array, features: Array, joints: frozenset[int]) -> list[Array]:
     """Conditions on (theta, s) at q: bodies move rigidly, force elements and constraints do not notice."""
     rows = list(_body_rows(robot, q, features, joints))
-    model, data = robot.model, working_data(robot.model)
+    model, data = robot.model, make_working_data(robot.model)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     rows.append(np.hstack([robot.closure_jacobian(q) @ features, np.zeros((len(robot.closure_labels), 6))]))
@@ -256,7 +256,7 @@ def _actuation_rate(robot: Robot, q: Array, direction: Array) -> Array:
     return out
 
 
-def _named_basis(twists: Array) -> Iterator[tuple[str, Array]]:
+def _name_basis(twists: Array) -> Iterator[tuple[str, Array]]:
     """Combinations of the columns of `twists` (6, k) that a person would choose, with names."""
     pure = null_space(twists[3:], _RANK_TOLERANCE) if twists.shape[1] else twists[:0].T
     for axis in _axes(twists[:3] @ pure):

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray, dataclass, frozen_array
 from mbocp.robot import Robot
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _SEED, _SAMPLES = 20250521, 3  # what couples does so at random configurations
 
@@ -133,7 +133,7 @@ class Spin:
 
     def _field(self, q: Array) -> Array:
         model, field = self.robot.model, np.zeros(self.robot.nv)
-        data = working_data(model)
+        data = make_working_data(model)
         pin.forwardKinematics(model, data, np.array(q))
         bodies = sorted(self.joints)
         masses = np.array([model.inertias[joint].mass for joint in bodies])

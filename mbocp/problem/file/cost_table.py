@@ -13,8 +13,7 @@ from mbocp._files import MEGABYTE, is_file
 from mbocp._keys import Table, keys_of
 from mbocp._merged import merge_tables
 from mbocp._text import show
-from mbocp.exceptions import InvalidValue, ProblemError
-from mbocp.problem.file.messages import locate
+from mbocp.exceptions import InvalidValue, ProblemError, locate
 from mbocp.problem.file.motion_table import read_columns, read_result
 from mbocp.problem.file.named_values import configuration_from, control_from, tangent_from, weights_from
 from mbocp.problem.goals.goal import Goal

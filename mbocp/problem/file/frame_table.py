@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from mbocp._keys import Key, Table
-from mbocp.problem.file.messages import locate
+from mbocp.exceptions import locate
 from mbocp.robot.kinematics import WORLD
 from mbocp.robot.poses.target import target_from_words
 from mbocp.terms.frame_goal import FrameGoal

@@ -14,10 +14,9 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._keys import Key, Kind, Table
 from mbocp._text import show
-from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError, locate
 from mbocp.problem._checks import check_integer, whole
 from mbocp.problem.file.ground_table import GroundTable, check_foot
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.phase_table import PhaseTable
 from mbocp.problem.file.value_kinds import Duration
 from mbocp.problem.timeline.times import duration_from

@@ -10,13 +10,12 @@ from pydantic import Field
 
 from mbocp._arrays import Array, BoolArray, frozen_array
 from mbocp._keys import Key, Table, checks_of
-from mbocp.exceptions import ProblemError
+from mbocp.exceptions import ProblemError, locate
 from mbocp.integrators import SCHEMES
-from mbocp.mechanisms.completion import assembled_velocity, close_loops
+from mbocp.mechanisms.completion import assemble_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_positive, check_size, choice, whole
 from mbocp.problem.excite import FRICTIONS, Excite
 from mbocp.problem.file.frame_table import FrameGoalTable, frames_from, write_frame
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import (
     configuration_from,
     control_from,
@@ -217,7 +216,7 @@ def _rate(table: GoalMemberTable, robot: Robot, q: Array) -> tuple[Literal["v", 
     if table.p is None and table.v is not None:
         v, active = rate_from(robot, table.v, "goal.v")
         if table.assemble and active.all():
-            v = assembled_velocity(robot, q, v, active, assemble=True)
+            v = assemble_velocity(robot, q, v, active, assemble=True)
         return "v", v, active
     if table.v is not None:
         raise ProblemError("goal: give v or p, not both")

@@ -20,11 +20,10 @@ from mbocp._files import path_of
 from mbocp._keys import Key, Table
 from mbocp._text import shorten
 from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
-from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
+from mbocp.exceptions import InvalidValue, ProblemError, Unreadable, locate
 from mbocp.meshes.points import read_heights
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.file.frame_table import FrameGoalTable
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.path_table import PathTable
 from mbocp.problem.file.phase_table import HoldTable, PhaseTable
 from mbocp.problem.file.start_tables import ViaTable

@@ -11,9 +11,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp._keys import Key, Table, Takes
 from mbocp._measured import plain_number
-from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, suggest
-from mbocp.problem.file.messages import locate
-from mbocp.problem.file.named_values import coordinate_slots, named_places, tangent_slots
+from mbocp.exceptions import DimensionMismatch, InvalidValue, ProblemError, locate, suggest
+from mbocp.problem.file.named_values import coordinate_slots, find_named_places, tangent_slots
 from mbocp.problem.file.profile import Profile
 from mbocp.problem.file.value_kinds import Limits, ProfileName, Ranges, Sizes, is_list_of_limits
 from mbocp.problem.limits import LIMITS, Bounds, is_plain
@@ -172,7 +171,7 @@ class _Places:
         if self.usable is not None:  # labels without a name stand for nothing
             pairs = zip(labels, self.usable, strict=True)
             labels = [label if usable else Label("", label.unit) for label, usable in pairs]
-        return named_places(robot, written, self.slots, labels, self.refusal)
+        return find_named_places(robot, written, self.slots, labels, self.refusal)
 
 
 def _unknown_joint(robot: Robot, slots: Mapping[str, slice], name: str) -> Exception:

@@ -16,17 +16,6 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue, MbocpError, Proble
 
 
 @contextmanager
-def locate(key: str) -> Iterator[None]:
-    """Put the `key` in front of the message of every error from the block, unless it is there."""
-    try:
-        yield
-    except MbocpError as error:
-        if not re.match(rf"{re.escape(key)}[:.\[]", str(error)):
-            error.args = (f"{key}: {error}",)
-        raise
-
-
-@contextmanager
 def in_file(path: str) -> Iterator[None]:
     """Name the file in every error from the block.
 

@@ -22,7 +22,7 @@ from mbocp.exceptions import InvalidValue, ProblemError, ResultFileError, Unread
 from mbocp.robot import Robot, robot_from_spec
 from mbocp.robot.collision.obstacle import Obstacle
 from mbocp.robot.collision.obstacle_motion import ObstacleMotion
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.nodes import between
 from mbocp.storage.seal import read_image
 from mbocp.terms.written import Finite, Triple
@@ -239,7 +239,7 @@ def _read(path: Path) -> tuple[Robot, Array, Array]:
 
 def _link_poses(robot: Robot, base: pin.SE3, qs: Array) -> Array:
     """Positions and quaternions of the frames with spheres, shape (links, n, 7)."""
-    data = working_data(robot.model)
+    data = make_working_data(robot.model)
     found = np.empty((len(robot.collision_spheres), len(qs), 7))
     for n, q in enumerate(qs):
         pin.framesForwardKinematics(robot.model, data, q)

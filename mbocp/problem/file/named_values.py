@@ -17,9 +17,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp._measured import plain_numbers
 from mbocp._text import warn_caller
-from mbocp.exceptions import DimensionMismatch, ProblemError, suggest
+from mbocp.exceptions import DimensionMismatch, ProblemError, locate, suggest
 from mbocp.problem._checks import ProblemWarning
-from mbocp.problem.file.messages import locate
 from mbocp.problem.goals.end_control import EndControl
 from mbocp.robot import Robot
 from mbocp.robot.joints import JointPlace
@@ -174,7 +173,7 @@ def _tangent_sizes(robot: Robot) -> dict[str, int]:
     return sizes
 
 
-def named_places(
+def find_named_places(
     robot: Robot,
     written: Mapping[str, Any],
     slots: Mapping[str, slice],
@@ -220,7 +219,7 @@ def control_from(robot: Robot, written: float | Written, key: str) -> Array:
             raise DimensionMismatch(key, len(written), robot.nu, f"actuators: {', '.join(names)}")
         return np.array(_plain_values(written, robot.u_labels, key), dtype=np.float64)
     u, slots = np.zeros(robot.nu), {name: slice(i, i + 1) for i, name in enumerate(names)}
-    for name, places in named_places(
+    for name, places in find_named_places(
         robot, written, slots, robot.u_labels, partial(_no_actuator, robot, key)
     ):
         numbers = _spread(written[name], len(places))

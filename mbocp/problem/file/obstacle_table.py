@@ -16,11 +16,10 @@ from mbocp._arrays import Array
 from mbocp._files import path_of
 from mbocp._keys import Key, Table
 from mbocp._text import shorten, show
-from mbocp.exceptions import InvalidValue, ProblemError, Unreadable
+from mbocp.exceptions import InvalidValue, ProblemError, Unreadable, locate
 from mbocp.meshes.points import read_heights, read_points
 from mbocp.meshes.triangles import triangles_of
 from mbocp.problem._checks import choice
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.motion_table import MotionTable, read_motion, spheres_of_result
 from mbocp.problem.obstacles.clearance import SelfCollision
 from mbocp.robot.collision.compound import CONCAVITY, Compound

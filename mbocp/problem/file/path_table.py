@@ -17,11 +17,10 @@ from mbocp._keys import Key, Table
 from mbocp._measured import in_unit
 from mbocp._merged import merge_tables
 from mbocp._text import reads_as_number, show
-from mbocp.exceptions import ProblemError, Unreadable
+from mbocp.exceptions import ProblemError, Unreadable, locate
 from mbocp.problem._checks import check_choice, choice
 from mbocp.problem.contact_bounds import ContactBounds
 from mbocp.problem.contact_force import ContactForce
-from mbocp.problem.file.messages import locate
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.path import PathConstraint
 from mbocp.robot import Robot

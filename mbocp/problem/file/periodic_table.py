@@ -11,8 +11,7 @@ from mbocp._arrays import Array, BoolArray
 from mbocp._measured import plain_number
 from mbocp._quantities import is_number
 from mbocp._text import show
-from mbocp.exceptions import ProblemError
-from mbocp.problem.file.messages import locate
+from mbocp.exceptions import ProblemError, locate
 from mbocp.problem.file.named_values import tangent_slots
 from mbocp.problem.goals.free_start import FreeStart
 from mbocp.problem.goals.periodic import Periodic

@@ -26,7 +26,7 @@ from mbocp.problem.file.messages import schema_error
 from mbocp.problem.limits import is_plain
 from mbocp.robot import Robot
 from mbocp.terms.kinds import AccelerationOverSpeed, MotorTorque
-from mbocp.terms.over_speed import OverSpeed, falling_lines
+from mbocp.terms.over_speed import OverSpeed, read_falling_lines
 from mbocp.terms.written import range_of, read_side
 
 _FOLDER = Path(__file__).parents[2] / "profiles"
@@ -159,7 +159,7 @@ class Profile:
     def paths(self, robot: Robot) -> list[dict[str, Any]]:
         """Return the tables of `[[path]]` for a robot."""
         over_speed = chain(*(self._over_speed(key, term, robot) for key, term in _OVER_SPEEDS.items()))
-        return [{**row, "profile": self.name} for row in (*over_speed, *self._braking(robot))]
+        return [{**row, "profile": self.name} for row in (*over_speed, *self._describe_braking(robot))]
 
     def _over_speed(self, key: str, term: type[OverSpeed], robot: Robot) -> list[dict[str, Any]]:
         """What falls with the speeds of joints and motors, beyond that at rest, which `[limits]` has.
@@ -181,7 +181,7 @@ class Profile:
             ratio = ratios.get(name, 1.0)
             curve = np.column_stack([np.array(speeds) * ratio, values[:, i] / ratio])
             where = f"limits.profile: {show(self.name)}: {key} of {self.table.joints[i]}"
-            lines = falling_lines(curve, where, term.values)
+            lines = read_falling_lines(curve, where, term.values)
             motor = moved.get(name, name)
             if len(lines) and self._has(key, motor, robot, controls):
                 found.append(
@@ -194,7 +194,7 @@ class Profile:
                 )
         return found
 
-    def _braking(self, robot: Robot) -> list[dict[str, Any]]:
+    def _describe_braking(self, robot: Robot) -> list[dict[str, Any]]:
         braking = self.table.braking
         if braking is None or self.table.position is None:
             return []

@@ -14,13 +14,12 @@ from mbocp._arrays import Array
 from mbocp._keys import Key, Table
 from mbocp._measured import plain_number
 from mbocp._text import find_repeated, show
-from mbocp.exceptions import InvalidValue, ProblemError
+from mbocp.exceptions import InvalidValue, ProblemError, locate
 from mbocp.problem._checks import check_choice, check_non_negative, check_positive, choice, positive
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import control_from, weights_from
 from mbocp.problem.found_parameter import FEEDBACKS, Parameter, ParameterCost, Robust
 from mbocp.robot import Robot
-from mbocp.robot.named_numbers import OF_ROBOT, named_numbers, number_of, take, with_numbers
+from mbocp.robot.named_numbers import OF_ROBOT, list_named_numbers, number_of, take, with_numbers
 from mbocp.terms.written import Control, Finite, VectorOrNumber
 
 _SIGMAS = 2.0
@@ -116,7 +115,7 @@ def _sizes(key: str, read: Any, robot: Robot, written: Any) -> Array:
 
 def _of_parameter(robot: Robot, word: str, written: Any) -> Array:
     key, name = f"robust.parameters.{word}", word.removeprefix(OF_ROBOT)
-    numbers = named_numbers(robot).items()
+    numbers = list_named_numbers(robot).items()
     unit = next((one.unit for known, one in numbers if known == name or known.startswith(f"{name}.")), "")
     each = written if isinstance(written, list) else [written]
     sizes = np.array([plain_number(size, unit, key) for size in each], dtype=np.float64)

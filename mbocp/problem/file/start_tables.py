@@ -10,11 +10,10 @@ from pydantic import Field
 
 from mbocp._arrays import Array
 from mbocp._keys import Key, Table
-from mbocp.exceptions import ProblemError
-from mbocp.mechanisms.completion import assembled_velocity, close_loops
+from mbocp.exceptions import ProblemError, locate
+from mbocp.mechanisms.completion import assemble_velocity, close_loops
 from mbocp.problem._checks import MAX_POSITION, check_size
 from mbocp.problem.file.frame_table import FrameGoalTable, FramePoseTable, frames_from, write_frame
-from mbocp.problem.file.messages import locate
 from mbocp.problem.file.named_values import (
     configuration_from,
     end_control_from,
@@ -94,7 +93,7 @@ def _start_state(table: StartTable, robot: Robot) -> tuple[Array, Array]:
     if table.v is None:
         return q, np.zeros(robot.nv)
     v, active = rate_from(robot, table.v, "start.v")
-    return q, assembled_velocity(robot, q, v, active, assemble=table.assemble)
+    return q, assemble_velocity(robot, q, v, active, assemble=table.assemble)
 
 
 def _start_configuration(table: StartTable, robot: Robot) -> Array:

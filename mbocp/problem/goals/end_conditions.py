@@ -13,8 +13,8 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray, null_space
 from mbocp._tolerances import BOUND_TOLERANCE, RANK_TOLERANCE
 from mbocp.exceptions import InconsistentStart, OverdeterminedGoal
-from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, allowed_velocities, tangent_space
-from mbocp.problem.first_motion import forces_at, holding_controls
+from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, span_allowed_velocities, tangent_space
+from mbocp.problem.first_motion import find_holding_controls, forces_at
 from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.frames import frame_rates, pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
@@ -52,7 +52,7 @@ def _check_frame_rates(robot: Robot, goal: Goal) -> None:
         return
     rows = np.vstack([_rate_matrix(robot, goal)[goal.rate_active], rate_jacobian(robot, goal)])
     values = np.concatenate([goal.value[goal.rate_active], asked])
-    reachable = rows @ allowed_velocities(robot, goal.q)
+    reachable = rows @ span_allowed_velocities(robot, goal.q)
     error = np.abs(reachable @ np.linalg.lstsq(reachable, values, rcond=RANK_TOLERANCE)[0] - values)
     if error.max() > CONSISTENCY_TOLERANCE * max(1.0, np.abs(values).max()):
         names = ", ".join(repr(frame.name) for frame in goal.frames if frame.rates.size)
@@ -97,7 +97,7 @@ def _independent_conditions(robot: Robot, goal: Goal) -> tuple[int, int, int]:
     if goal.rate == "v" and not (robot.nc or robot.drives or goal.frames):  # each is on one entry of v
         q, v, a = (int(active.sum()) for active in (goal.q_active, goal.rate_active, goal.a_active))
         return q, v, a
-    P, allowed = tangent_space(robot, goal.q), allowed_velocities(robot, goal.q)
+    P, allowed = tangent_space(robot, goal.q), span_allowed_velocities(robot, goal.q)
     rates = _rate_matrix(robot, goal) @ allowed
     return (
         _rank(np.vstack([P[goal.q_active], pose_jacobian(robot, goal) @ P])),
@@ -172,14 +172,14 @@ def stops_whole(robot: Robot, goal: Goal) -> bool:
 def says_whole(robot: Robot, goal: Goal) -> bool:
     """Whether a goal says where all joints end; poses of frames do not, which several configurations have."""
     free = tangent_space(robot, goal.q)
-    return _scaled_rank(np.eye(robot.nv)[goal.q_active] @ free) == _scaled_rank(free)
+    return _find_scaled_rank(np.eye(robot.nv)[goal.q_active] @ free) == _find_scaled_rank(free)
 
 
 def holds_anywhere(robot: Robot) -> bool:
     """Whether controls, one for each velocity of an open chain, hold the robot wherever it is."""
     if robot.nc or robot.drives or robot.nu != robot.nv or not robot.actuation.is_constant:
         return False
-    return _scaled_rank(robot.actuation_matrix(robot.q0)) == robot.nv
+    return _find_scaled_rank(robot.actuation_matrix(robot.q0)) == robot.nv
 
 
 def controls_at(robot: Robot, said: EndControl, limits: Bounds, q: Array, *, rests: bool) -> Array | None:
@@ -208,7 +208,7 @@ def controls_at(robot: Robot, said: EndControl, limits: Bounds, q: Array, *, res
     has_one = said.rule == "rest" and rests and not robot.drives
     if not has_one or null_space(forces_at(robot, q), RANK_TOLERANCE).size:
         return None
-    u = holding_controls(robot, q)
+    u = find_holding_controls(robot, q)
     if (
         u is None
         or (u < limits.u_lower - BOUND_TOLERANCE).any()
@@ -228,7 +228,7 @@ def _stops(robot: Robot, goal: Goal, free: Array) -> BoolArray:
     stops = asked & (goal.value == 0.0) if goal.rate == "v" else np.full(robot.nv, asked.all() and rests)
     rows = np.vstack([np.eye(robot.nv)[stops], rate_jacobian(robot, goal)]) @ free
     if (
-        rests and not frame_rates(goal).any() and _scaled_rank(rows) == _scaled_rank(free)
+        rests and not frame_rates(goal).any() and _find_scaled_rank(rows) == _find_scaled_rank(free)
     ):  # frames stop every joint
         stops = ~none
     return stops
@@ -240,8 +240,8 @@ def _is_set(robot: Robot, goal: Goal, stops: BoolArray, free: Array) -> bool:
         return False
     inertia = free.T @ robot.mass_matrix(goal.q) @ free
     pushed = free @ np.linalg.solve(inertia, free.T @ robot.actuation_matrix(goal.q))
-    return _scaled_rank(pushed[stops]) == _scaled_rank(free[stops])
+    return _find_scaled_rank(pushed[stops]) == _find_scaled_rank(free[stops])
 
 
-def _scaled_rank(matrix: Array) -> int:
+def _find_scaled_rank(matrix: Array) -> int:
     return int(np.linalg.matrix_rank(matrix, tol=RANK_TOLERANCE * max(1.0, np.abs(matrix).max(initial=0.0))))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import field
+from functools import partial
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, frozen_mask
 from mbocp._text import warn_caller
-from mbocp.exceptions import DimensionMismatch, MbocpError, ProblemError, UnreachableGoal
+from mbocp.exceptions import DimensionMismatch, ProblemError, UnreachableGoal, reword_errors
 from mbocp.problem._checks import ProblemWarning, check_bool, check_choice, check_finite
 from mbocp.problem.goals.end_control import EndControl
 from mbocp.problem.goals.periodic import Periodic
@@ -198,14 +199,9 @@ class Goal:
             raise DimensionMismatch(f"goal.{self.rate}", self.value.shape, (nv,))
 
 
-@contextmanager
-def of_member(place: int) -> Iterator[None]:
+def of_member(place: int) -> AbstractContextManager[None]:
     """Name the member in every error from the block that names the goal."""
-    try:
-        yield
-    except MbocpError as error:
-        error.args = (_name(place, str(error)),)
-        raise
+    return reword_errors(partial(_name, place))
 
 
 def check_goals(goals: Sequence[Goal]) -> None:

@@ -101,7 +101,7 @@ def _reasons_apart(robot: Robot, piece: Obstacle, balls: Mapping[_Sphere, _Ball]
     """Why each sphere never meets a piece of an obstacle; empty where it may."""
     if piece.motion is not None:
         return {
-            sphere: _never_met(robot.collision_spheres[sphere[0]].joint, piece, piece.motion, ball)
+            sphere: _explain_never_met(robot.collision_spheres[sphere[0]].joint, piece, piece.motion, ball)
             for sphere, ball in balls.items()
         }
     frame = robot.model.frames[robot.frame_id(piece.frame)]
@@ -144,7 +144,7 @@ def _never_meet(robot: Robot, joint: int, carrier: int, obstacle: Obstacle, ball
     return _FAR if gaps.of(at, radius) > obstacle.margin else ""
 
 
-def _never_met(joint: int, obstacle: Obstacle, motion: ObstacleMotion, ball: _Ball) -> str:
+def _explain_never_met(joint: int, obstacle: Obstacle, motion: ObstacleMotion, ball: _Ball) -> str:
     """Why an obstacle never meets a sphere on its way; empty if it may."""
     if joint == 0:
         return _FIXED

@@ -7,7 +7,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.robot import joints
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _SCREW, _CIRCLE = 0, 1
 _KINDS = {
@@ -33,7 +33,7 @@ def joint_table(model: pin.Model) -> Array:
         another have the numbers of that one.
     """
     mimicked = dict(zip(model.mimicking_joints, model.mimicked_joints, strict=True))
-    data = working_data(model)
+    data = make_working_data(model)
     at_rest, moved = _placements(model, data, 0.0), _placements(model, data, _MOVED)
     rows = []
     for joint in range(1, model.njoints):

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, IntArray, dataclass
 from mbocp.problem.obstacles.joint_table import joint_table, placement_numbers
-from mbocp.programme.native_modules import loading_native
+from mbocp.programme.native_modules import explain_native_loading
 from mbocp.robot.joints import joint_kind
 from mbocp.terms.clearance_term import ClearanceRow
 from mbocp.terms.distances import CORE, Core, HullCore
@@ -159,7 +159,7 @@ class PairClearances:
 
     @cached_property
     def _room(self) -> Room:
-        with loading_native():
+        with explain_native_loading():
             from mbocp._native import _room
         frames = [self.model.frames[k] for k in self.frames]
         cores = {id(shape.core): shape.core for shape in self.shapes if isinstance(shape.core, HullCore)}

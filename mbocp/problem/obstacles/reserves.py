@@ -76,7 +76,7 @@ def with_room(problem: Problem, room: Array, ts: Array, qs: Array) -> Problem:
     has_all = bool((room >= 0.0).all())
     chosen = None if has_all else tuple(np.flatnonzero(room >= 0.0).tolist())
     found = _with(problem, rows, chosen, np.maximum(room, 0.0))
-    missing = missing_pairs(found, ts, qs)
+    missing = find_missing_pairs(found, ts, qs)
     return with_pairs(found, {*(chosen or ()), *missing}) if missing else found
 
 
@@ -184,7 +184,7 @@ def near_pairs(clearance: Clearance, ts: Array, qs: Array) -> tuple[int, ...]:
     return clearance.fill(nearest[:count] or [0], nearest[count : np.count_nonzero(least < _BESIDE)])
 
 
-def missing_pairs(problem: Problem, ts: Array, qs: Array, vs: Array | None = None) -> tuple[int, ...]:
+def find_missing_pairs(problem: Problem, ts: Array, qs: Array, vs: Array | None = None) -> tuple[int, ...]:
     """Pairs without rows that touch along the nodes of a motion, and others near it; none if none does."""
     clearance, rows = problem.clearance, rows_of(problem)
     if clearance is None or rows is None or rows.chosen is None or not np.isfinite(qs).all():

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.problem.obstacles.clearance import Clearance, LinkPair
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _CONTACTS = 100  # of two meshes that are looked at
 
@@ -32,7 +32,7 @@ class ShapeDistances:
     def __init__(self, clearance: Clearance, pairs: list[LinkPair]) -> None:
         self._clearance, self._pairs = clearance, pairs
         self._model = clearance.scene
-        self._data = working_data(self._model)
+        self._data = make_working_data(self._model)
         self._geometry = pin.GeometryModel()
         first = [0]  # of the shapes of each pair
         numbers: dict[tuple[int, bool], list[int]] = {}
@@ -103,14 +103,14 @@ class ShapeDistances:
         if other[2] < one[2]:
             one, other = other, one
         joint, center, radius = one
-        change = _seen_from(others, other[0], joint) - _seen_from(here[None], other[0], joint)
+        change = _place_seen_from(others, other[0], joint) - _place_seen_from(here[None], other[0], joint)
         turn = np.sqrt((change[:, :, :3] ** 2).sum(axis=(1, 2)) / 2.0)  # of a point 1 m from its axis
         far = np.linalg.norm(change[:, :, :3] @ center + change[:, :, 3], axis=1)
         far[turn > 0.0] += radius * turn[turn > 0.0]  # a halfspace has no end
         return np.asarray(far)
 
 
-def _seen_from(placements: Array, here: int, joint: int) -> Array:
+def _place_seen_from(placements: Array, here: int, joint: int) -> Array:
     """Placements of a joint in the axes of another one, shape (n, 3, 4) [m]; the joint 0 is the world."""
     if not here:
         return np.asarray(placements[:, joint])

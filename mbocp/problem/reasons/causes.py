@@ -15,7 +15,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.integrators import SCHEMES
-from mbocp.problem.first_motion import holding_controls
+from mbocp.problem.first_motion import find_holding_controls
 from mbocp.problem.integration import stiffest_joint
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
@@ -62,7 +62,7 @@ def causes_of(problem: Problem) -> tuple[Cause, ...]:
     """
     member = problem.members[0][1]
     found = [cause for leg in _legs(member) for cause in _of_leg(member, leg)]
-    found += [*_weights(member), *_damping(member), *fall_causes(member)]
+    found += [*_weights(member), *_find_damping(member), *fall_causes(member)]
     found += [*momentum_causes(member), *place_causes(member)]
     worst: dict[tuple[str, str], Cause] = {}
     for cause in sorted(found, key=lambda c: (not c.is_certain, -c.excess)):
@@ -199,7 +199,7 @@ def _torques(problem: Problem, leg: _Leg) -> Iterator[Cause]:
     needed = []
     for s in np.linspace(0.0, 1.0, _SAMPLES):
         q = np.array(robot.integrate(leg.q0, s * away))
-        u = [holding_controls(robot, q, sign * bend) for sign in (1.0, -1.0)]
+        u = [find_holding_controls(robot, q, sign * bend) for sign in (1.0, -1.0)]
         needed.append(np.min([np.abs(one) if one is not None else np.zeros(robot.nu) for one in u], axis=0))
     least = np.mean(needed, axis=0)
     size = np.fmax(limits.u_upper, -limits.u_lower)
@@ -218,7 +218,7 @@ def _weights(problem: Problem) -> Iterator[Cause]:
     if robot.drives or robot.nu != robot.nv - robot.nc:  # else others than the smallest controls may hold it
         return
     for where, q, step in _poses_at_rest(problem):
-        u = holding_controls(robot, np.array(q))
+        u = find_holding_controls(robot, np.array(q))
         if u is None:
             continue
         lower, upper = (side[step] for side in limits)
@@ -243,7 +243,7 @@ def _poses_at_rest(problem: Problem) -> Iterator[tuple[str, Array, int]]:
         yield "goal", goal.q, -1
 
 
-def _damping(problem: Problem) -> Iterator[Cause]:
+def _find_damping(problem: Problem) -> Iterator[Cause]:
     """Joints whose velocities settle much faster than a step, under a scheme that lets them ring."""
     if SCHEMES[problem.scheme].settles or problem.robot.nc:
         return

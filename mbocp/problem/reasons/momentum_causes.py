@@ -22,7 +22,7 @@ from mbocp.mechanics.symmetries.spins import Spin, spins_of
 from mbocp.problem.problem import Problem
 from mbocp.problem.reasons.cause import Cause
 from mbocp.robot import Robot
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _ZERO = 1e-8  # relative: round-off of forces and momenta along a symmetry
 _POSES = 3  # at which forces along it are looked at, beside start and goal
@@ -62,7 +62,7 @@ class _Kept:
 def momentum_causes(problem: Problem) -> Iterator[Cause]:
     """Momenta that nothing changes, and that the goal asks for all the same."""
     robot = problem.robot
-    if not _stay_and_are_given(problem):
+    if not _are_given_and_stay(problem):
         return
     kept = list(_symmetries(problem))
     asked = [one for one in kept if _asks_for_rest(problem, one)]
@@ -80,7 +80,7 @@ def momentum_causes(problem: Problem) -> Iterator[Cause]:
         yield _find_double_rest(problem, [one for one in still if one.nothing_moves(robot) == beginning])
 
 
-def _stay_and_are_given(problem: Problem) -> bool:
+def _are_given_and_stay(problem: Problem) -> bool:
     """Whether momenta may stay along the motion, whose start and goal are given."""
     robot, goal = problem.robot, problem.goal
     changes = problem.timeline.switches is not None or problem.phase or robot.drives
@@ -163,7 +163,7 @@ def _acts(robot: Robot, q: Array, field: Array) -> bool:
     """Whether controls, gravity or constraints act along a field of velocities."""
     forces = (
         robot.actuation_matrix(q).T,
-        pin.computeGeneralizedGravity(robot.model, working_data(robot.model), q),
+        pin.computeGeneralizedGravity(robot.model, make_working_data(robot.model), q),
         robot.closure_jacobian(q),
     )
     return any(np.abs(f @ field).max(initial=0.0) > _ZERO * np.abs(f).max(initial=1.0) for f in forces)

@@ -17,7 +17,7 @@ from mbocp.problem.timeline.via import ViaConstraint
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.kinematics import length_of, reach
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 _SLACK = 1e-6  # [m, m/s, rad] by which bounds may miss each other
 _AXES = "xyz"
@@ -133,12 +133,12 @@ def _at_goal(problem: Problem) -> Iterator[Cause]:
 
 def fall_causes(problem: Problem) -> Iterator[Cause]:
     """Goals beside the parabola on which a robot that nothing holds or pushes flies, in place or in speed."""
-    root = _flying_root(problem)
+    root = _find_flying_root(problem)
     goal = problem.goal
     if root is None or not goal.is_exact or goal.periodic is not None or problem.start_free is not None:
         return
     robot, gravity = problem.robot, np.array(problem.robot.model.gravity.linear)
-    data, name = working_data(robot.model), robot.model.names[root]
+    data, name = make_working_data(robot.model), robot.model.names[root]
     pin.centerOfMass(robot.model, data, np.array(problem.q_start), np.array(problem.v_start))
     c0, rate = data.com[0].copy(), data.vcom[0].copy()
     nothing = (
@@ -173,7 +173,7 @@ def _place_at_goal(problem: Problem, root: int) -> tuple[Array, float] | None:
     model, q = robot.model, np.array(goal.q)
     entry = model.joints[root]
     if goal.q_active.all():
-        return pin.centerOfMass(model, working_data(model), q).copy(), 0.0
+        return pin.centerOfMass(model, make_working_data(model), q).copy(), 0.0
     if not goal.q_active[entry.idx_v : entry.idx_v + entry.nv].all():
         return None
     masses = np.array([inertia.mass for inertia in model.inertias[1:]])
@@ -184,7 +184,7 @@ def _place_at_goal(problem: Problem, root: int) -> tuple[Array, float] | None:
     return q[entry.idx_q : entry.idx_q + 3], float(masses @ reaches / masses.sum())
 
 
-def _flying_root(problem: Problem) -> int | None:
+def _find_flying_root(problem: Problem) -> int | None:
     """Joint of the one base that floats, if nothing holds or pushes the robot."""
     robot = problem.robot
     roots = [j for j in range(1, robot.model.njoints) if robot.model.parents[j] == 0]

@@ -9,7 +9,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import InconsistentStart, InvalidValue, ProblemError, suggest
 from mbocp.integrators import SCHEMES
-from mbocp.mechanics.held_frames import HeldFrame, held_jacobians
+from mbocp.mechanics.held_frames import HeldFrame, compute_held_jacobians
 from mbocp.mechanisms.consistent_states import CONSISTENCY_TOLERANCE, find_independent_rows, poses_around
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.problem.timeline.hold import Hold, Release, Schedule, Spans, holds_in
@@ -116,7 +116,10 @@ def _begin_again(robot: Robot, releases: Sequence[Release], num_steps: int) -> l
 def _check_holds_something(robot: Robot, holds: Sequence[Hold], held: Sequence[HeldFrame], q: Array) -> None:
     if not held:
         return
-    moved = np.abs(held_jacobians(robot, held, poses_around(robot, q))).max(axis=2) > CONSISTENCY_TOLERANCE
+    moved = (
+        np.abs(compute_held_jacobians(robot, held, poses_around(robot, q))).max(axis=2)
+        > CONSISTENCY_TOLERANCE
+    )
     for hold, where in zip(holds, rows_of_frames(held), strict=True):
         if not moved[:, where].any():
             raise ProblemError(

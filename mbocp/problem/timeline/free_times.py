@@ -46,7 +46,7 @@ class TimedNode(NamedTuple):
         return self.time.guess or 0.0
 
 
-def timed_nodes(waypoints: Sequence[ViaConstraint], horizon: Horizon) -> tuple[TimedNode, ...]:
+def find_timed_nodes(waypoints: Sequence[ViaConstraint], horizon: Horizon) -> tuple[TimedNode, ...]:
     """Return nodes whose times are found, from via points in the order of the motion.
 
     Where any time is free, others that are given are bounds that equal each other. Without one a node of a

@@ -7,15 +7,15 @@ which weights differ, not on their numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import MbocpError, ProblemError
+from mbocp.exceptions import ProblemError, reword_errors
 from mbocp.problem.limits import LIMITS, Bounds
 from mbocp.problem.rate_limits import check_rates
 from mbocp.problem.timeline.phase import Phase
@@ -25,15 +25,9 @@ from mbocp.robot import Robot
 _AT_NODES = ("q", "v")  # letters of `LIMITS`; others are of steps
 
 
-@contextmanager
-def in_phase(name: str) -> Iterator[None]:
+def in_phase(name: str) -> AbstractContextManager[None]:
     """Name the phase in every error from the block."""
-    try:
-        yield
-    except MbocpError as error:
-        words = str(error)
-        error.args = (words if words.startswith("phase ") else f"phase {name!r}: {words}",)
-        raise
+    return reword_errors(lambda words: words if words.startswith("phase ") else f"phase {name!r}: {words}")
 
 
 def fit_phases(robot: Robot, phases: Sequence[Phase], limits: Bounds, cost: Cost) -> tuple[Phase, ...]:

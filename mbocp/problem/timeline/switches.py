@@ -10,7 +10,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass, frozen_array, null_space
 from mbocp._tolerances import RANK_TOLERANCE
-from mbocp.mechanics.held_frames import HeldFrame, held_jacobians, held_labels, held_residuals
+from mbocp.mechanics.held_frames import HeldFrame, compute_held_jacobians, compute_held_residuals, label_held
 from mbocp.problem.timeline.hold import Hold, Schedule
 from mbocp.robot import Label, Robot
 from mbocp.terms.bounded import BoundedTerm
@@ -84,7 +84,7 @@ class SwitchTable:
     @property
     def labels(self) -> tuple[Label, ...]:
         """Name and unit of each row of the held frames."""
-        return held_labels(self.held)
+        return label_held(self.held)
 
     @property
     def coincides(self) -> BoolArray:
@@ -120,13 +120,13 @@ class SwitchTable:
         """Derivatives of the rows of the held frames at n configurations, shape (n, rows, nv)."""
         if not self.held:
             return np.zeros((len(qs), 0, self.robot.nv))
-        return held_jacobians(self.robot, self.held, qs)
+        return compute_held_jacobians(self.robot, self.held, qs)
 
     def residuals(self, qs: Array, anchors: Array) -> Array:
         """Rows of the held frames at n configurations from n anchors, shape (n, rows)."""
         if not self.held:
             return np.zeros((len(qs), 0))
-        return held_residuals(self.robot, self.held, qs, anchors)
+        return compute_held_residuals(self.robot, self.held, qs, anchors)
 
     def at_end(self, q: Array, *, of_rates: bool) -> Array:
         """Derivatives of what ties the end, shape (any, nv).

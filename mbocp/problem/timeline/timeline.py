@@ -16,7 +16,7 @@ import numpy as np
 
 from mbocp._arrays import Array, BoolArray, dataclass
 from mbocp.exceptions import ProblemError
-from mbocp.problem.timeline.free_times import phases_between, timed_nodes
+from mbocp.problem.timeline.free_times import find_timed_nodes, phases_between
 from mbocp.problem.timeline.hold import Schedule
 from mbocp.problem.timeline.phase import Phase
 from mbocp.problem.timeline.sequence import Horizon, are_alike, places_of
@@ -251,7 +251,7 @@ def _divide(
     phases: Sequence[Phase], conditions: Sequence[Condition], horizon: Horizon, impacts: Sequence[int]
 ) -> tuple[Sequence[Phase], dict[int, tuple[float, float]]]:
     """Divide the only phase at via points of free times; return bounds of times by node, too [s]."""
-    timed = timed_nodes([one for one in conditions if isinstance(one, ViaConstraint)], horizon)
+    timed = find_timed_nodes([one for one in conditions if isinstance(one, ViaConstraint)], horizon)
     times = {one.node: (one.time.earliest, one.time.latest) for one in timed}
     found = phases_between(timed, horizon, impacts) if timed else phases
     return found, {**times, horizon.steps: horizon.sides}

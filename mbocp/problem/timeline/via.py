@@ -16,7 +16,7 @@ from mbocp._text import show
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.lie import ConfigurationSpace
-from mbocp.mechanisms.consistent_states import allowed_velocities, tangent_space
+from mbocp.mechanisms.consistent_states import span_allowed_velocities, tangent_space
 from mbocp.problem.goals.frames import pose_jacobian, rate_jacobian
 from mbocp.problem.goals.goal import Goal
 from mbocp.problem.timeline.times import FreeTime, InPhase
@@ -124,7 +124,7 @@ class ViaConstraint(BoundedTerm):
         velocities.append(rate_jacobian(robot, goal))
         return (
             independent_rows(np.vstack(poses) @ tangent_space(robot, goal.q), RANK_TOLERANCE),
-            independent_rows(np.vstack(velocities) @ allowed_velocities(robot, goal.q), RANK_TOLERANCE),
+            independent_rows(np.vstack(velocities) @ span_allowed_velocities(robot, goal.q), RANK_TOLERANCE),
         )
 
     @cached_property

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from mbocp._arrays import Array
-from mbocp.exceptions import MbocpError, OverdeterminedGoal, ProblemError, UnreachablePose
+from mbocp.exceptions import OverdeterminedGoal, ProblemError, UnreachablePose, reword_errors
 from mbocp.mechanisms.completion import complete_goal
 from mbocp.problem._checks import MAX_POSITION, MAX_RATE, check_size
 from mbocp.problem.goals.end_conditions import check_goal_rate
@@ -52,7 +52,7 @@ def order_via(
     for point in (said_via[i] for i in order):
         if names.count(point.name) > 1:
             raise ProblemError(f"via {point.name!r}: there are several of this name; give each its own")
-        with _name_errors(point.name):
+        with reword_errors(partial(_put_name, point.name)):
             there = _resolve(robot, point, q, limits)
         found.append(there)
         q = there.goal.q
@@ -135,13 +135,8 @@ def _is_within(robot: Robot, point: ViaPoint, goal: Goal) -> bool:
     return bool(is_inside[speaks_of_pose].all())
 
 
-@contextmanager
-def _name_errors(name: str) -> Iterator[None]:
-    """Name the via point in every error from the block, whose words are those of a goal."""
-    try:
-        yield
-    except MbocpError as error:
-        words = str(error).replace("goal.frame", f"via {name!r}").replace("goal.", f"via {name!r}: ")
-        words = words.replace("the goal", "it")
-        error.args = (words if words.startswith("via ") else f"via {name!r}: {words}",)
-        raise
+def _put_name(name: str, words: str) -> str:
+    """Name the via point in the words of an error, which are those of a goal."""
+    words = words.replace("goal.frame", f"via {name!r}").replace("goal.", f"via {name!r}: ")
+    words = words.replace("the goal", "it")
+    return words if words.startswith("via ") else f"via {name!r}: {words}"

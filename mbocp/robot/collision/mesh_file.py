@@ -9,7 +9,7 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp._text import shorten
 from mbocp.exceptions import InvalidValue
-from mbocp.meshes.mesh_parts import Indices, count_open_edges, enclosed_body, weld
+from mbocp.meshes.mesh_parts import Indices, count_open_edges, measure_enclosed_body, weld
 from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.robot.collision.compound import CONCAVITY, Compound, compound_of
 from mbocp.robot.collision.hull import Hull, hull_of
@@ -61,7 +61,7 @@ def body_of(
     hull = hull_of(vertices)
     corners, faces = weld(vertices, faces)
     open_edges = count_open_edges(faces)
-    volume = np.nan if open_edges else max(float(enclosed_body(corners, faces).mass), 1e-300)
+    volume = np.nan if open_edges else max(float(measure_enclosed_body(corners, faces).mass), 1e-300)
     excess = hull.volume / volume - 1.0
     if takes_hull or abs(excess) <= _MAX_EXCESS:
         return hull, excess

@@ -12,7 +12,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp.robot import joints
 from mbocp.robot.collision.spheres import LinkSpheres
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 
 LinkPair = tuple[LinkSpheres, LinkSpheres]
 
@@ -158,7 +158,7 @@ class _Meeting:
     """In which poses the shapes of two links meet."""
 
     def __init__(self, model: pin.Model, shapes: pin.GeometryModel, pair: LinkPair) -> None:
-        self._model, self._data, self._shapes = model, working_data(model), pin.GeometryModel()
+        self._model, self._data, self._shapes = model, make_working_data(model), pin.GeometryModel()
         own: list[list[int]] = [
             [self._shapes.addGeometryObject(s) for s in shapes.geometryObjects if s.parentFrame == link.frame]
             for link in pair
@@ -184,7 +184,7 @@ def _by_distance(nearest: Array) -> str:
 
 def _place(model: pin.Model, links: Sequence[LinkSpheres], qs: Sequence[Array]) -> list[Array]:
     """Centres of each link's spheres in the world, shape (poses, spheres, 3)."""
-    data = working_data(model)
+    data = make_working_data(model)
     found = [np.empty((len(qs), len(link.centers), 3)) for link in links]
     for n, q in enumerate(qs):
         pin.framesForwardKinematics(model, data, np.array(q))

@@ -45,7 +45,7 @@ class DriveReader:
     names: TableReader
     tables: tuple[DriveTable, ...]
 
-    def driven_joints(self) -> frozenset[int]:
+    def find_driven_joints(self) -> frozenset[int]:
         """Indices of the joints that drives move."""
         return frozenset(
             joint for number, table in enumerate(self.tables) for _, joint in self._joints(number, table)
@@ -61,7 +61,7 @@ class DriveReader:
         """
         found: list[tuple[Drive, float]] = []
         owner: dict[int, str] = {}
-        driven = [dof for joint in self.driven_joints() for dof in self._dofs(joint)]
+        driven = [dof for joint in self.find_driven_joints() for dof in self._dofs(joint)]
         idle = np.delete(motors, driven, axis=0) == 0.0
         without_effect = motors[:, idle.all(axis=0)]
         for number, table in enumerate(self.tables):
@@ -92,7 +92,7 @@ class DriveReader:
     def _drive(self, number: int, table: DriveTable, moved: list[int]) -> tuple[Drive, float]:
         dofs = tuple(dof for joint in moved for dof in self._dofs(joint))
         if table.frame is not None:
-            frame = self.names.moving_frame(table.frame, f"drive[{number}].frame")
+            frame = self.names.read_moving_frame(table.frame, f"drive[{number}].frame")
             direction = np.array(table.direction) / np.linalg.norm(np.array(table.direction))
             speed, limit = _SPEEDS["m"], np.inf
         else:
@@ -157,7 +157,7 @@ class ActuationReader:
             that no drive moves.
         """
         reader = DriveReader(self.names, tuple(self.table.drives))
-        fixed, varying = self._columns(self._actuated_joints(actuated, reader))
+        fixed, varying = self._columns(self._find_actuated_joints(actuated, reader))
         columns = [column for column, _, _ in fixed]
         selection = np.column_stack(columns) if columns else np.zeros((self.names.model.nv, 0))
         pairs = reader.drives(selection)
@@ -174,16 +174,16 @@ class ActuationReader:
     def motors(self, actuated: Sequence[str] | None) -> list[str]:
         """Names of the joints that have motors, in the order of their controls."""
         reader = DriveReader(self.names, tuple(self.table.drives))
-        return [self.names.model.names[joint] for joint in self._actuated_joints(actuated, reader)]
+        return [self.names.model.names[joint] for joint in self._find_actuated_joints(actuated, reader)]
 
-    def _actuated_joints(self, actuated: Sequence[str] | None, reader: DriveReader) -> list[int]:
+    def _find_actuated_joints(self, actuated: Sequence[str] | None, reader: DriveReader) -> list[int]:
         named = self.table.actuation.joints
         declared = [a.joint for a in self.table.actuators if isinstance(a, JointActuator)]
         if actuated is not None:
             named = list(actuated)
         elif named is not None or declared:
             named = [*(named or []), *declared]
-        driven = reader.driven_joints()
+        driven = reader.find_driven_joints()
         self._refuse_driven(driven)
         found = self._motors(named) if named is not None else self._default_motors(driven)
         return list(dict.fromkeys(self._elastic.get(joint, joint) for joint in found))
@@ -228,7 +228,9 @@ class ActuationReader:
             if isinstance(row, Tendon):
                 fixed += self._of_tendon(row, f"actuator[{number}]")
                 continue
-            frame = self.names.moving_frame(row.frame, f"actuator[{number}].frame", ": nothing would move")
+            frame = self.names.read_moving_frame(
+                row.frame, f"actuator[{number}].frame", ": nothing would move"
+            )
             jacobian = self._constant_jacobian(frame)
             for label, direction, effort in _directions(row):
                 if jacobian is not None:

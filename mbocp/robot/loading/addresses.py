@@ -40,9 +40,9 @@ def resolve(uri: str, base: Path, package_dirs: Iterable[Path]) -> Path:
     FileNotFoundError
         If there is no such file; the text says what was looked for.
     """
-    root = root_of_stored(base)
+    root = find_root_of_stored(base)
     if root is not None:
-        return file_of_stored(root, uri, base)
+        return find_file_of_stored(root, uri, base)
     for scheme in _SCHEMES:
         if uri.startswith(scheme):
             package, _, rest = uri.removeprefix(scheme).partition("/")
@@ -112,7 +112,7 @@ def absolute(path: str | Path, base: Path | None) -> Path:
     return (expanded if base is None else base / expanded).resolve()
 
 
-def root_of_stored(folder: Path | None) -> Path | None:
+def find_root_of_stored(folder: Path | None) -> Path | None:
     """The folder of a stored robot that `folder` belongs to; None if it belongs to none."""
     if folder is None or PREFIX not in str(folder):
         return None
@@ -120,7 +120,7 @@ def root_of_stored(folder: Path | None) -> Path | None:
     return next((f for f in above if f.name.startswith(PREFIX) and (f / LIST).is_file()), None)
 
 
-def file_of_stored(root: Path, address: str, folder: Path) -> Path:
+def find_file_of_stored(root: Path, address: str, folder: Path) -> Path:
     """File that an address in a file of `folder` meant.
 
     Raises

@@ -10,7 +10,7 @@ from typing import Any
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.exceptions import RobotError, UnknownFrame, UnsupportedRobot
+from mbocp.exceptions import RobotError, UnknownFrame, UnsupportedRobot, reword_errors
 from mbocp.robot import joints, kinematics
 from mbocp.robot.loading.description import Description
 from mbocp.robot.loading.joint_numbers import Losses, MimicJoint
@@ -109,13 +109,10 @@ def _owner(part: RobotPart, names: Iterable[str]) -> str | None:
 
 
 def _parent(model: pin.Model, part: RobotPart, parts: Sequence[RobotPart]) -> int:
-    where = f"part {part.placed.name!r}: parent"
-    try:
+    names = " or ".join(repr(p.placed.name) for p in parts if p is not part) or "a part"
+    where, remedy = f"part {part.placed.name!r}: parent", f'it is "world", or PART/FRAME of {names}'
+    with reword_errors(lambda words: f"{where}: {words}; {remedy}", UnknownFrame):
         return kinematics.frame_id(model, part.placed.parent, "the world")
-    except UnknownFrame as error:
-        names = [repr(p.placed.name) for p in parts if p is not part]
-        error.args = (f'{where}: {error}; it is "world", or PART/FRAME of {" or ".join(names) or "a part"}',)
-        raise
 
 
 def _append(

@@ -13,10 +13,10 @@ from typing import Any
 import pinocchio as pin
 
 from mbocp._text import find_repeated
-from mbocp.exceptions import MbocpError, RobotError, RobotFileError
+from mbocp.exceptions import RobotError, RobotFileError, locate
 from mbocp.robot import joints
 from mbocp.robot.loading.actuation import ActuationReader
-from mbocp.robot.loading.addresses import resolve, root_of_stored
+from mbocp.robot.loading.addresses import find_root_of_stored, resolve
 from mbocp.robot.loading.combine import combine
 from mbocp.robot.loading.description import Description, ReadOptions
 from mbocp.robot.loading.elements import trace_frames
@@ -120,7 +120,7 @@ def model_file(path: Path, table: RobotTable, folders: Sequence[Path]) -> tuple[
         If it is the name of a robot that example-robot-data builds by code, or that is no URDF.
     """
     folders = (*folders, *(path.parent / folder for folder in table.package_dirs))
-    if table.urdf in example_robots.names() and root_of_stored(path.parent) is None:
+    if table.urdf in example_robots.names() and find_root_of_stored(path.parent) is None:
         facts = example_robots.example_facts(table.urdf)
         return facts.path, (*folders, *facts.packages)
     try:
@@ -239,7 +239,7 @@ def read_parts(
 def _part(
     table: PartTable, base: Path | None, folders: Sequence[Path], within: tuple[Path, ...]
 ) -> RobotPart:
-    try:
+    with locate(f"part {table.name!r}"):
         if table.robot is None:
             found = describe_object(table.name, table.shape, free_flyer=table.free_flyer is not False)
             spec = table.portable(base)
@@ -249,9 +249,6 @@ def _part(
             spec = {**table.portable(base), "robot": source.address, **inertias_of(found)}
         joints.check_joints(found.model, found.name)
         described, placed = _with_options(found, table), _place(table, found)
-    except MbocpError as error:
-        error.args = (f"part {table.name!r}: {error}",)
-        raise
     names_payloads = found.carried or table.payload is not None
     return RobotPart(
         described, placed, table.placement, {**spec, **({"payload": []} if names_payloads else {})}

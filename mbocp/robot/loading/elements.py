@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import pinocchio as pin
 
-from mbocp.exceptions import UnknownFrame, UnknownJoint
+from mbocp.exceptions import UnknownFrame, UnknownJoint, locate
 from mbocp.robot import joints
 from mbocp.robot.collision.geometry import CollisionSphere
 from mbocp.robot.loading.robot_toml import QuarticSpringTable, RobotTable
@@ -24,11 +24,8 @@ def constraints_of(names: TableReader, table: RobotTable) -> tuple[Constraint, .
     """Holonomic constraints."""
     found = []
     for number, row in enumerate(table.constraints):
-        try:
+        with locate(f"constraint {row.name!r}", UnknownFrame, UnknownJoint):
             found.append(row.make(str(row.name), f"constraint[{number}]", names))
-        except (UnknownFrame, UnknownJoint) as error:
-            error.args = (f"constraint {row.name!r}: {error}",)
-            raise
     names.refuse_repetition("constraint", [constraint.name for constraint in found])
     return tuple(found)
 
@@ -85,11 +82,8 @@ def connectors_of(
 def spheres_of(names: TableReader, table: RobotTable) -> tuple[CollisionSphere, ...]:
     """Spheres that stand for the shapes of links."""
     for number, row in enumerate(table.collision_spheres):
-        try:
+        with locate(f"{names.file}: collision_sphere[{number}].frame", UnknownFrame):
             names.frame(row.frame)
-        except UnknownFrame as error:
-            error.args = (f"{names.file}: collision_sphere[{number}].frame: {error}",)
-            raise
     return tuple(CollisionSphere(s.frame, s.center, s.radius) for s in table.collision_spheres)
 
 

@@ -288,7 +288,7 @@ def _alone(keys: RobotKeys, base: Path | None) -> tuple[Description, dict[str, A
             raise RobotError(f"robot.{key}: goes with robot.part; a single robot says it in its robot.toml")
     source = find_source(keys.name or "", base)
     found = describe_source(source, keys, keys.folders(base))
-    table = found.table.model_copy(update=_keys_given(keys))
+    table = found.table.model_copy(update=_find_keys_given(keys))
     return replace(found, name=keys.label or found.name, table=table), {"name": source.address}
 
 
@@ -302,7 +302,7 @@ def _together(
     if not tables:
         raise RobotError("part: there is none; give at least one table with robot and name")
     beside = {key: getattr(keys, key) for key in ("constraint", "initial") if getattr(keys, key) is not None}
-    own = tables_from(beside).model_copy(update=_keys_given(keys))
+    own = tables_from(beside).model_copy(update=_find_keys_given(keys))
     parts = read_parts(tables, base)
     name = keys.label or "+".join(table.name for table in tables)
     found = describe_parts(parts, own, name, Path("part"))
@@ -310,5 +310,5 @@ def _together(
     return replace(found, carried=carried), {"part": [part.spec for part in parts]}
 
 
-def _keys_given(keys: RobotKeys) -> dict[str, Any]:
+def _find_keys_given(keys: RobotKeys) -> dict[str, Any]:
     return {key: getattr(keys, key) for key in _OF_THE_WHOLE if getattr(keys, key) is not None}

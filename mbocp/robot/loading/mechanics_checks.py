@@ -80,7 +80,7 @@ def check_mechanics(robot: Robot) -> None:
     basis = null_space(jacobian[:, free], RANK_TOLERANCE)
     reduced = basis.T @ mass @ basis
     if kinematics.is_singular(reduced):
-        lowest = float(kinematics.scaled_spectrum(reduced)[0][0])
+        lowest = float(kinematics.compute_scaled_spectrum(reduced)[0][0])
         if lowest < -RANK_TOLERANCE:
             raise IndefiniteMassMatrix(robot.name, _indefinite(robot), lowest, "at the initial pose")
         raise _singular(robot, mass, free)
@@ -94,7 +94,7 @@ def _check_definite(robot: Robot, free: list[int]) -> None:
     steps = np.random.default_rng(0).uniform(-np.pi, np.pi, (_NUM_POSES, robot.nv))
     poses = np.array([robot.q0, *(pin.integrate(robot.model, robot.q0, step) for step in steps)])
     masses = kinematics.mass_matrices(robot.model, poses)[:, free][:, :, free]
-    lowest = min(float(kinematics.scaled_spectrum(mass)[0][0]) for mass in masses)
+    lowest = min(float(kinematics.compute_scaled_spectrum(mass)[0][0]) for mass in masses)
     if lowest < -RANK_TOLERANCE:
         raise IndefiniteMassMatrix(robot.name, joints, lowest, "at some poses")
 
@@ -111,7 +111,7 @@ def _indefinite(robot: Robot) -> list[str]:
 
 
 def _singular(robot: Robot, mass: Array, free: list[int]) -> SingularMassMatrix:
-    values, vectors = kinematics.scaled_spectrum(mass)
+    values, vectors = kinematics.compute_scaled_spectrum(mass)
     null = vectors[:, values < 10 * max(abs(values[0]), 1e-13)]
     weight = np.zeros(robot.nv)
     weight[free] = np.linalg.norm(null, axis=1)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from mbocp._files import root_tag
 from mbocp._text import show
 from mbocp.exceptions import RobotFileError
-from mbocp.robot.loading.addresses import root_of_stored
+from mbocp.robot.loading.addresses import find_root_of_stored
 
 if TYPE_CHECKING:
     from mbocp.robot.loading.description import Description, Oddity, ReadOptions
@@ -120,7 +120,7 @@ def reader_of(path: Path, folders: Sequence[Path] = (), arguments: Mapping[str, 
     found = format_of(path)
     if found.expander is not None:
         return found.expander(folders, arguments or {})
-    if arguments and root_of_stored(path.parent) is None:
+    if arguments and find_root_of_stored(path.parent) is None:
         words = f"got {show(dict(arguments))}, but only xacro files take arguments"
         raise RobotFileError(path, words, "arguments")
     return found.reader(folders)

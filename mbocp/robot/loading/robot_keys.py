@@ -16,7 +16,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from mbocp._arrays import plain
 from mbocp._keys import Key, KeyGroup, Kind
-from mbocp._quantities import finite_number, named_numbers
+from mbocp._quantities import check_named_numbers, finite_number
 from mbocp._text import has_control_characters, show
 from mbocp.exceptions import InvalidValue, RobotError, suggest
 from mbocp.robot.kinematics import WORLD, placement_from
@@ -48,7 +48,7 @@ def _lock(value: Any) -> Any:
     if isinstance(value, list) and all(isinstance(name, str) for name in value):
         return value
     if isinstance(value, Mapping):
-        return named_numbers(value)
+        return check_named_numbers(value)
     raise ValueError(f"got {show(value)}, expected a list of joint names or a table with a position for each")
 
 
@@ -129,12 +129,14 @@ class ReadingKeys(KeyGroup):
 
     def portable(self, base: Path | None, *left_out: str) -> dict[str, Any]:
         """The keys that say something, with absolute paths; what is carried in the end names itself."""
-        told = self._keys_said(name for name in type(self).model_fields if name not in ("payload", *left_out))
+        told = self._find_keys_said(
+            name for name in type(self).model_fields if name not in ("payload", *left_out)
+        )
         said = plain({name: _plain(getattr(self, name)) for name in told})
         folders = {"package_dirs": [str(folder) for folder in self.folders(base)]}
         return {**said, **(folders if self.package_dirs else {})}
 
-    def _keys_said(self, keys: Iterable[str]) -> list[str]:
+    def _find_keys_said(self, keys: Iterable[str]) -> list[str]:
         """Keys with another value than the default."""
         fields = type(self).model_fields
         return [key for key in keys if getattr(self, key) != fields[key].default]
@@ -158,7 +160,7 @@ class PartTable(ReadingKeys, ShapeTable):
 
     @model_validator(mode="after")
     def _a_robot_or_an_object(self) -> PartTable:
-        told = self._keys_said(_OF_OBJECTS)
+        told = self._find_keys_said(_OF_OBJECTS)
         if self.robot is not None:
             if told:
                 raise ValueError(f"{told[0]}: does not go with robot; it makes a part a body of its own")
@@ -167,7 +169,7 @@ class PartTable(ReadingKeys, ShapeTable):
             raise ValueError(
                 f"robot is missing: name or path; or give mass and {', '.join(SHAPES)} of a simple body"
             )
-        for key in self._keys_said(_OF_ROBOTS):
+        for key in self._find_keys_said(_OF_ROBOTS):
             raise ValueError(f"{key}: is a matter of robots; a simple body has no joints of its own")
         self._check_object()
         return self
@@ -274,7 +276,7 @@ def read_part(entry: PartTable | Mapping[str, Any], number: int) -> PartTable:
     try:
         return PartTable.model_validate(plain(entry))
     except ValidationError as error:
-        raise refusal(error, f"part[{number}]", entry, _allowed_keys) from error
+        raise refusal(error, f"part[{number}]", entry, _find_allowed_keys) from error
 
 
 def _plain(value: Any) -> Any:
@@ -284,7 +286,7 @@ def _plain(value: Any) -> Any:
     return [_plain(entry) for entry in value] if isinstance(value, list) else value
 
 
-def _allowed_keys(loc: tuple[int | str, ...]) -> list[str]:
+def _find_allowed_keys(loc: tuple[int | str, ...]) -> list[str]:
     """Keys of the table of a part, or of the one in it, that an unknown key stands in."""
     tables: dict[str, type[BaseModel]] = {
         "inertias": InertiasTable,
@@ -315,4 +317,4 @@ def read_robot_keys(table: Mapping[str, Any]) -> RobotKeys:
             raise RobotError(f"robot: unknown key {key!r}; {suggest(key, RobotKeys.model_fields)}") from error
         is_inside = first["loc"][0] in ("part", "payload") and len(first["loc"]) > 1
         where = "" if is_inside else "robot"
-        raise refusal(error, where, data, _allowed_keys) from error
+        raise refusal(error, where, data, _find_allowed_keys) from error

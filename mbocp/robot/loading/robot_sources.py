@@ -23,7 +23,7 @@ import mbocp
 from mbocp._arrays import dataclass
 from mbocp._files import is_file, is_folder, path_of
 from mbocp.exceptions import RobotFileError, UnknownRobot
-from mbocp.robot.loading.addresses import find_row, root_of_stored
+from mbocp.robot.loading.addresses import find_root_of_stored, find_row
 from mbocp.robot.loading.readers import example_robots, in_memory
 from mbocp.robot.loading.robot_formats import FORMATS, format_of
 from mbocp.robot.loading.robot_toml import read_robot_toml
@@ -75,13 +75,13 @@ def find_source(spec: str | Path, base: Path | None = None) -> Source:
     base : Path, optional
         Folder that relative paths start from; the working directory if None.
     """
-    root = root_of_stored(base)
+    root = find_root_of_stored(base)
     if root is not None and base is not None:
         return _find_stored(root, str(spec), base)
     if isinstance(spec, Path) or _looks_like_path(spec):
         path = path_of(spec)
         return _from_path(path if base is None else base / path)
-    found = _from_folders(spec) or _from_made(spec) or _from_robot_descriptions(spec)
+    found = _from_folders(spec) or _find_made(spec) or _from_robot_descriptions(spec)
     if found is None:
         folder = f"{os.curdir}{os.sep}{spec}" if is_folder((base or Path()) / spec) else ""
         has_profile = is_file(Path(mbocp.__file__).resolve().parent / "profiles" / f"{spec}.toml")
@@ -98,7 +98,7 @@ def _from_folders(name: str) -> Source | None:
     return None
 
 
-def _from_made(name: str) -> Source | None:
+def _find_made(name: str) -> Source | None:
     """A chain, or a robot of example-robot-data."""
     if in_memory.num_links(name) is not None:
         return Source("chain", name, name, Path())

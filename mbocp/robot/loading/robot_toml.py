@@ -275,7 +275,7 @@ def tables_from(data: Mapping[str, Any]) -> RobotTable:
     try:
         return RobotTable.model_validate(dict(data))
     except ValidationError as error:
-        raise refusal(error, "", data, _allowed_keys) from error
+        raise refusal(error, "", data, _find_allowed_keys) from error
 
 
 def read_robot_toml(path: Path) -> RobotTable:
@@ -291,7 +291,7 @@ def read_robot_toml(path: Path) -> RobotTable:
     try:
         return RobotTable.model_validate(data)
     except ValidationError as error:
-        key, reason = first_complaint(error, data, _allowed_keys)
+        key, reason = first_complaint(error, data, _find_allowed_keys)
         raise RobotFileError(path, reason, key) from error
 
 
@@ -313,15 +313,16 @@ TABLES: dict[str, tuple[type[BaseModel], ...]] = {
 }
 
 
-def _allowed_keys(loc: tuple[int | str, ...]) -> list[str]:
+def _find_allowed_keys(loc: tuple[int | str, ...]) -> list[str]:
     """Keys of the table that an unknown key stands in."""
     if len(loc) == 1:
         return [field.alias or name for name, field in RobotTable.model_fields.items()]
     candidates = TABLES[str(loc[0])]
-    tagged = [c for c in candidates if any(step in _tags(c) for step in loc[1:])]
+    tagged = [c for c in candidates if any(step in types_of(c) for step in loc[1:])]
     return [name for table in (tagged or candidates)[:1] for name in table.model_fields]
 
 
-def _tags(table: type[BaseModel]) -> tuple[str, ...]:
+def types_of(table: type[BaseModel]) -> tuple[str, ...]:
+    """Words for the type of such a table; none where there is one type."""
     field = table.model_fields.get("type")
     return tuple(getattr(field.annotation, "__args__", ())) if field is not None else ()

@@ -37,13 +37,13 @@ def read_scene(path: Path) -> tuple[LinkShape, ...]:
     """
     readers = {".scene": _of_scene, ".yaml": _of_yaml, ".yml": _of_yaml}
     reader = readers.get(path.suffix.lower())
-    found = tuple(_of_links(path)) if reader is None else _planning_scene(path, reader)
+    found = tuple(_of_links(path)) if reader is None else _read_planning_scene(path, reader)
     if not found:
         raise RobotFileError(path, "has no shapes that links collide with")
     return found
 
 
-def _planning_scene(path: Path, reader: Callable[[Path], Iterator[LinkShape]]) -> tuple[LinkShape, ...]:
+def _read_planning_scene(path: Path, reader: Callable[[Path], Iterator[LinkShape]]) -> tuple[LinkShape, ...]:
     try:
         return tuple(reader(path))
     except Unreadable as error:

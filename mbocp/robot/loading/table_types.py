@@ -219,7 +219,7 @@ class TableReader:
         """Index of a frame by name. Raises `UnknownFrame`."""
         return kinematics.frame_id(self.model, name, self.robot)
 
-    def moving_frame(self, name: str, key: str, consequence: str = "") -> int:
+    def read_moving_frame(self, name: str, key: str, consequence: str = "") -> int:
         """Index of a frame that is not fixed to the world; `key` and `consequence` are for the message."""
         frame = self.frame(name)
         if self.model.frames[frame].parentJoint == 0:

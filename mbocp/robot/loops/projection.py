@@ -18,7 +18,7 @@ from mbocp._arrays import Array, null_space
 from mbocp._text import quote_all
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.exceptions import LoopNotClosed
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.loops.kinds.constraint import Constraint
 from mbocp.robot.loops.reduction import CLOSURE_TOLERANCE, metrics_of, reduce_rows, shortest_steps
 from mbocp.robot.mechanism import Mechanism
@@ -143,7 +143,7 @@ def gauss_newton(robot: Mechanism, q: Array, free: NDArray[np.bool_], rows: Sequ
 
 def residual_by_angle(robot: Mechanism, q: Array) -> Array:
     """Residual of all rows, with rotation vectors in place of those that keep an attitude."""
-    residual, data = np.array(robot.closure_residual(q)), working_data(robot.model)
+    residual, data = np.array(robot.closure_residual(q)), make_working_data(robot.model)
     pin.framesForwardKinematics(robot.model, data, q)
     for constraint, where in attitude_rows(robot.constraints):
         residual[where] = pin.log3(_turn(data, constraint))
@@ -152,7 +152,7 @@ def residual_by_angle(robot: Mechanism, q: Array) -> Array:
 
 def jacobian_by_angle(robot: Mechanism, q: Array) -> Array:
     """Derivative of `residual_by_angle` in tangent coordinates."""
-    rows, model, data = np.array(robot.closure_jacobian(q)), robot.model, working_data(robot.model)
+    rows, model, data = np.array(robot.closure_jacobian(q)), robot.model, make_working_data(robot.model)
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     for constraint, where in attitude_rows(robot.constraints):
@@ -198,7 +198,7 @@ def attitude_rows(constraints: Iterable[Constraint]) -> Iterator[tuple[Constrain
 def _turns(robot: Mechanism, q: Array) -> list[tuple[Constraint, float]]:
     """Angle between the frames of each constraint that keeps an attitude [rad]."""
     kept = [constraint for constraint, _ in attitude_rows(robot.constraints)]
-    data = working_data(robot.model)
+    data = make_working_data(robot.model)
     if kept:
         pin.framesForwardKinematics(robot.model, data, q)
     return [(one, float(np.linalg.norm(pin.log3(_turn(data, one))))) for one in kept]

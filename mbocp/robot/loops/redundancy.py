@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 
-from mbocp._arrays import Array, null_space, spanning_rows
+from mbocp._arrays import Array, null_space, select_spanning_rows
 from mbocp._text import quote_all
 from mbocp.exceptions import UnsupportedRobot
 from mbocp.robot.loops.kinds.constraint import Constraint
@@ -32,7 +32,7 @@ _CROSSING_RATIO = 0.3  # above it, the smallest singular value does not vanish b
 _MIN_VECTOR_COSINE = 0.7  # of singular vectors at two nodes that belong to the same singular value
 _MIN_ROW_SHARE = 0.3  # component of the singular vector from which a row is named
 
-_independent = partial(spanning_rows, tolerance=_RANK_TOLERANCE)
+_independent = partial(select_spanning_rows, tolerance=_RANK_TOLERANCE)
 
 
 def redundant_rows(robot: Mechanism) -> tuple[int, ...]:

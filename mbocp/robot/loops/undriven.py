@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from mbocp._arrays import Array, null_space, spanning_rows
+from mbocp._arrays import Array, null_space, select_spanning_rows
 from mbocp._tolerances import RANK_TOLERANCE
 from mbocp.robot import joints
 from mbocp.robot.kinematics import is_singular
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.loops.projection import gauss_newton, violations
 from mbocp.robot.robot import Robot
 
@@ -69,7 +69,7 @@ def joints_to_hold(robot: Robot) -> Held:
     places = [(robot.velocity_indices(name), name) for name in robot.joint_names]
     single = {place.start: name for place, name in places if place.stop - place.start == 1}
     at = sorted(single)
-    rows = spanning_rows(motions[at], RANK_TOLERANCE)
+    rows = select_spanning_rows(motions[at], RANK_TOLERANCE)
     if len(rows) < motions.shape[1] or _swing(robot):
         return Held()
     chosen = [at[row] for row in rows]
@@ -108,7 +108,7 @@ def _swing(robot: Robot) -> bool:
 def _pull(robot: Robot, q: Array) -> float:
     """Change of momenta at rest, relative to the largest part they have at 1 rad/s of a joint [1/s]."""
     motions, still = undriven_motions(robot, q), np.zeros(robot.nv)
-    forces = pin.nonLinearEffects(robot.model, working_data(robot.model), q, still)
+    forces = pin.nonLinearEffects(robot.model, make_working_data(robot.model), q, still)
     largest = np.abs(motions).T @ np.abs(robot.mass_matrix(q)).max(axis=1)
     change = np.abs(motions.T @ (forces - robot.force_elements(q, still)))
     return float((change / np.maximum(largest, _MIN_MOMENTUM)).max(initial=0.0))

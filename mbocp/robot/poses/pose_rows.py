@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from mbocp._arrays import Array
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.robot.loops.projection import jacobian_by_angle, residual_by_angle
 from mbocp.robot.mechanism import Mechanism
 from mbocp.robot.poses.target import FrameTarget, normals_to, rotation_between
@@ -57,7 +57,7 @@ class PoseRows:
 
     def __init__(self, robot: Mechanism, targets: Sequence[FrameTarget]) -> None:
         self.robot, self.model = robot, robot.model
-        self._data = working_data(robot.model)
+        self._data = make_working_data(robot.model)
         self._parts = [
             _Part(
                 target,
@@ -155,7 +155,7 @@ def placements_of(model: pin.Model, qs: Array, pairs: Sequence[tuple[int, ...]])
     found: list[list[pin.SE3]] = [[] for _ in pairs]
     if not pairs:
         return found
-    data = working_data(model)
+    data = make_working_data(model)
     for q in qs:
         pin.framesForwardKinematics(model, data, q)
         for places, (frame, reference) in zip(found, pairs, strict=True):

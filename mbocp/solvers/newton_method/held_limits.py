@@ -14,7 +14,7 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.programme import Iterate, StagewiseProgramme
 from mbocp.programme.kernel import kernel_programme, set_bounds
-from mbocp.solvers.newton_method.limit_multipliers import bounded_values, multipliers_in_rows
+from mbocp.solvers.newton_method.limit_multipliers import compute_bounded_values, multipliers_in_rows
 
 if TYPE_CHECKING:
     from mbocp.programme.native_modules import KernelProgramme
@@ -100,7 +100,7 @@ def factorise_held(
 
 def _distances(programme: StagewiseProgramme, iterate: Iterate, pulls: Array) -> Array:
     """How far limits are from the motion, on the side that pulls; infinite where there are none."""
-    bounds, values = programme.bounds, bounded_values(programme, iterate)
+    bounds, values = programme.bounds, compute_bounded_values(programme, iterate)
     of_side = np.where(pulls > 0.0, bounds.upper - values, values - bounds.lower)
     grain = _GRAIN * np.maximum(1.0, np.abs(values))
     return np.where(bounds.has_limit, np.maximum(of_side, grain), np.inf)

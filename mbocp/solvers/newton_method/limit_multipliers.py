@@ -251,7 +251,7 @@ def _load(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> 
     """Kernel programme with its limits, if there are any, at an iterate."""
     iterate.check(programme)
     has_limits = _has_limits(programme)
-    reason = why_limits_cannot_be_kept(programme) if has_limits else None
+    reason = explain_limits_not_kept(programme) if has_limits else None
     if reason:
         raise ProblemError(f'solver.method: "monolithic" {reason}; take "ipopt" or "fatrop"')
     native = kernel_programme(programme, has_limits=has_limits, threads=threads)
@@ -259,7 +259,7 @@ def _load(programme: StagewiseProgramme, iterate: Iterate, threads: int = 1) -> 
     return native
 
 
-def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
+def explain_limits_not_kept(programme: StagewiseProgramme) -> str | None:
     """Message about limits that the barrier cannot keep, or None."""
     if not programme.kind.groups:
         return None
@@ -270,7 +270,7 @@ def why_limits_cannot_be_kept(programme: StagewiseProgramme) -> str | None:
     return None
 
 
-def bounded_values(programme: StagewiseProgramme, iterate: Iterate) -> Array:
+def compute_bounded_values(programme: StagewiseProgramme, iterate: Iterate) -> Array:
     """States, controls and path functions of an iterate, shape (N, nx + nu + nh)."""
     parts, nh = [iterate.xs[1:], iterate.us], programme.bounds.nh
     if nh:

@@ -25,9 +25,9 @@ from mbocp.programme.iterate import Iterate
 from mbocp.programme.native_modules import kernel
 from mbocp.solvers.newton_method.limit_multipliers import (
     begin,
+    explain_limits_not_kept,
     largest_product,
     resume,
-    why_limits_cannot_be_kept,
 )
 from mbocp.solvers.newton_method.newton import (
     PlainState,
@@ -172,7 +172,7 @@ _STEPS = 30  # Newton steps: from near a solution it takes a few, or does not ge
 
 def can_be_polished(programme: StagewiseProgramme) -> bool:
     """Whether our own Newton's method keeps all limits of the programme."""
-    return why_limits_cannot_be_kept(programme) is None
+    return explain_limits_not_kept(programme) is None
 
 
 def judge(

@@ -149,7 +149,7 @@ class FBSMNewton:
         size = len(native.eta) + len(native.u)
         K = native.reduced_hessian(shift).reshape(size, size)
         native.gradient()  # the right-hand side is the open loop's, whichever multipliers the Hessian has
-        rhs = _reduced_residual(native)
+        rhs = _compute_reduced_residual(native)
         if self.hessian == "finite-difference":
             shifted = K - native.reduced_hessian(0.0).reshape(size, size) if shift else 0.0
             K = _differences(native, kept, rhs, auxiliary=self.auxiliary) + shifted
@@ -237,7 +237,7 @@ def _sweep_at(
     return sweeps.run(native).evaluation
 
 
-def _reduced_residual(native: KernelProgramme) -> Array:
+def _compute_reduced_residual(native: KernelProgramme) -> Array:
     """Derivative of the Lagrangian in (eta, u) after an open sweep: r_u with its control rows times dt."""
     return np.concatenate([native.end_condition, native.control_gradient / native.control_scale])
 
@@ -253,6 +253,6 @@ def _differences(native: KernelProgramme, kept: Kept, rhs: Array, *, auxiliary: 
         native.eta, native.u = moved[:ng], moved[ng:]
         if Sweeps(auxiliary).run(native).evaluation is None:
             return np.full_like(K, np.nan)
-        K[:, j] = (_reduced_residual(native) - rhs) / (moved[j] - omega[j])
+        K[:, j] = (_compute_reduced_residual(native) - rhs) / (moved[j] - omega[j])
     kept.restore(native)
     return K

@@ -11,7 +11,7 @@ from mbocp.programme.iterate import Iterate
 from mbocp.solvers.options import Switch
 from mbocp.solvers.records import IterationRecord, Status
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, describe_end
 from mbocp.solvers.strategies.registry import make_solver
 
 _PATIENCE = 200  # iterations without progress, of the phase after which there is no other
@@ -84,7 +84,7 @@ class _Runs:
         if len(self.results) == 1:
             return phases.outcome(best, f"auto: {self.tried[0][1]}")
         ends = zip(self.tried, self.results, strict=True)
-        words = ", ".join(f"{name} {how_it_ended(result)}" for (name, _), result in ends)
+        words = ", ".join(f"{name} {describe_end(result)}" for (name, _), result in ends)
         return phases.outcome(best, "auto: " + " > ".join(phases.names), f"auto: {words}")
 
 

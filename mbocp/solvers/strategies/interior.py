@@ -8,7 +8,7 @@ from mbocp.solvers.newton_method.monolithic import can_be_polished, judge, meets
 from mbocp.solvers.nlp.interior_point import InteriorPoint
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import Phases, how_it_ended
+from mbocp.solvers.strategies.phases import Phases, describe_end
 
 _SETTLED = (Status.CONVERGED, Status.LINE_SEARCH_FAILED)  # ends of an interior-point solver at a solution
 
@@ -48,7 +48,7 @@ def _polish(found: SolverResult, error: float, title: str, phases: Phases) -> tu
         return replace(better, status=polished.status, advice=polished.advice), title
     advice = (
         f"{title} ends here by its own measure, but the optimality conditions hold to {error:.1e} "
-        f"alone, and Newton's method from there {how_it_ended(polished)}: multipliers may not exist here; "
+        f"alone, and Newton's method from there {describe_end(polished)}: multipliers may not exist here; "
         'try another guess, or the other of "ipopt" and "fatrop"'
     )
     return replace(better, status=Status.STAGNATED, advice=advice), title

@@ -202,7 +202,7 @@ class Phases:
         return Outcome(whole, tuple(self.phases), solver)
 
 
-def how_it_ended(result: SolverResult) -> str:
+def describe_end(result: SolverResult) -> str:
     """A phase's end in words, for the advice of a strategy."""
     taken = sum(not record.is_guess for record in result.history)
     after = f"after {taken} iteration{'' if taken == 1 else 's'} (residual {result.record.residual:.1e})"

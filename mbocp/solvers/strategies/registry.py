@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from mbocp.exceptions import InvalidValue
-from mbocp.solvers.added import added_solvers, make_added_solver
+from mbocp.solvers.added import find_added_solvers, make_added_solver
 from mbocp.solvers.newton_method.monolithic import GlobalisedNewton, PureNewton
 from mbocp.solvers.options import SolverSettings, Switch
 from mbocp.solvers.protocol import Solver
@@ -87,6 +87,6 @@ def make_solver(name: str, settings: SolverSettings, switch: Switch | None = Non
     """
     if name in SOLVERS:
         return SOLVERS[name](settings, switch)
-    if name in added_solvers().names:
+    if name in find_added_solvers().names:
         return make_added_solver(name, settings)
-    raise InvalidValue.of_choice("solver.method", name, (*SOLVERS, *sorted(added_solvers().names)))
+    raise InvalidValue.of_choice("solver.method", name, (*SOLVERS, *sorted(find_added_solvers().names)))

@@ -14,7 +14,7 @@ from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.auto import run_auto
 from mbocp.solvers.strategies.elsewhere import Tell
 from mbocp.solvers.strategies.in_units import run_in, run_with_tiny_costs
-from mbocp.solvers.strategies.phases import Outcome, Phases, Start, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, Start, describe_end
 from mbocp.solvers.strategies.registry import INTERIOR_POINT, make_solver
 
 
@@ -71,7 +71,7 @@ def _run_hybrid(first: str, then: str, phases: Phases) -> Outcome:
     if begun.status.is_stopped:
         return phases.outcome(begun, solver)
     is_done = begun.status in (Status.SWITCHED, Status.CONVERGED)
-    words = "" if is_done else f"{first} {how_it_ended(begun)}"
+    words = "" if is_done else f"{first} {describe_end(begun)}"
     start = phases.guess if begun.status is Status.SWEEP_FAILED else begun.iterate
     found = phases.run(newton, then, start)
     if not math.isfinite(found.record.cost + found.record.residual):

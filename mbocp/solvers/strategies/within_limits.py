@@ -19,12 +19,12 @@ import numpy as np
 from mbocp._arrays import Array
 from mbocp.exceptions import CompilationTimeout
 from mbocp.programme import Iterate, StagewiseProgramme
-from mbocp.solvers.newton_method.limit_multipliers import bounded_values, why_limits_cannot_be_kept
+from mbocp.solvers.newton_method.limit_multipliers import compute_bounded_values, explain_limits_not_kept
 from mbocp.solvers.records import Status
 from mbocp.solvers.strategies.auto import has_stalled, is_nearly_feasible, run_auto
 from mbocp.solvers.strategies.interior import run_interior
 from mbocp.solvers.strategies.iterating import SolverResult
-from mbocp.solvers.strategies.phases import Outcome, Phases, how_it_ended
+from mbocp.solvers.strategies.phases import Outcome, Phases, describe_end
 from mbocp.solvers.strategies.registry import make_solver
 
 # Iterations without progress: many motions within limits go on after forty, and IPOPT takes as long for ten.
@@ -45,7 +45,7 @@ def run_auto_within_limits(phases: Phases) -> Outcome:
     brought back part by part.
     """
     programme, settings = phases.programme, phases.settings
-    if why_limits_cannot_be_kept(programme) is not None:
+    if explain_limits_not_kept(programme) is not None:
         found, title = run_interior("ipopt", phases)
         return phases.outcome(found, f"auto: {title}")
     if phases.before is not None:
@@ -79,7 +79,7 @@ def _go_on(phases: Phases, begun: SolverResult, free: SolverResult | None) -> Ou
             return phases.outcome(late, title, words)
         title = f"{title} > {name}" if phases.names[:-1] else f"auto: {name}"
         if found.status is Status.STAGNATED and begun.record.residual < found.record.residual:
-            found, words = begun, f"{words}, ipopt {how_it_ended(found)}"
+            found, words = begun, f"{words}, ipopt {describe_end(found)}"
         if phases.ends_with(found):
             return phases.outcome(found, title, words)
     last = _bring_limits_back(phases, free) if can_leave_out_limits(phases.programme) else None
@@ -89,7 +89,7 @@ def _go_on(phases: Phases, begun: SolverResult, free: SolverResult | None) -> Ou
 
 
 def _words(begun: SolverResult) -> str:
-    return f"auto: monolithic {how_it_ended(begun)}"
+    return f"auto: monolithic {describe_end(begun)}"
 
 
 def _bring_limits_back(phases: Phases, free: SolverResult | None) -> SolverResult | None:
@@ -147,7 +147,7 @@ def can_leave_out_limits(programme: StagewiseProgramme) -> bool:
     Free step lengths need theirs: a step of negative length is none.
     """
     has_some = bool((programme.bounds.has_limit & ~programme.bounds.are_equations).any())
-    return has_some and not programme.has_free_lengths and why_limits_cannot_be_kept(programme) is None
+    return has_some and not programme.has_free_lengths and explain_limits_not_kept(programme) is None
 
 
 def without_limits(programme: StagewiseProgramme) -> StagewiseProgramme:
@@ -164,7 +164,7 @@ def measure_excess(programme: StagewiseProgramme, iterate: Iterate) -> tuple[Arr
     """Return how far an iterate goes beyond its limits at most, by row: below and above, (nx + nu + nh,)."""
     bounds = programme.bounds
     lower, upper = bounds.lower, bounds.upper
-    values, is_limit = bounded_values(programme, iterate), ~bounds.are_equations
+    values, is_limit = compute_bounded_values(programme, iterate), ~bounds.are_equations
     below = np.where(is_limit & np.isfinite(lower), lower - values, 0.0)
     above = np.where(is_limit & np.isfinite(upper), values - upper, 0.0)
     return below.max(axis=0, initial=0.0), above.max(axis=0, initial=0.0)

@@ -15,7 +15,7 @@ from mbocp._arrays import Array
 from mbocp.robot import Robot
 from mbocp.robot.joints import joint_kind
 from mbocp.robot.kinematics import frame_poses
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.view.figures.style import GREY, finish_axes, line_style, plain_text, strip_legend
 
 _HINGES = ("revolute", "continuous", "spherical")
@@ -194,7 +194,7 @@ def frame_paths(robot: Robot, qs: Array, frames: Sequence[str] | None = None) ->
 def _segments(robot: Robot, q: Array, ids: Sequence[int]) -> Array:
     """Return lines that stand for the robot: from joint to joint to traced frame, its rods and springs."""
     model: Any = robot.model
-    data: Any = working_data(model)
+    data: Any = make_working_data(model)
     pin.framesForwardKinematics(model, data, q)
     ends = [frame for c in robot.constraints if c.fixes_origin for frame in c.frame_ids]
     pairs = [c.frame_ids for c in robot.constraints if c.connector is not None]

@@ -164,7 +164,7 @@ def _calm(panel: LinePanel) -> LinePanel:
 def _limit_panels(solution: Solution) -> list[LinePanel]:
     """Return the multipliers of limits and path constraints that are active."""
     labels, t = solution.labels, solution.t
-    rows, path_title = _pulling_rows(solution)
+    rows, path_title = _find_pulling_rows(solution)
     names = tuple(Column(solution.path_names[row], "") for row in rows)
     title = "Multiplier of the"
     blocks = [
@@ -188,7 +188,7 @@ def _largest(values: Array) -> float:
     return float(np.abs(np.nan_to_num(values)).max(initial=0.0))
 
 
-def _pulling_rows(solution: Solution) -> tuple[list[int], str]:
+def _find_pulling_rows(solution: Solution) -> tuple[list[int], str]:
     """Rows of path constraints with multipliers beyond what a barrier leaves over, and what they are called.
 
     Of many the largest: obstacles alone bring a hundred rows, most of them zero.

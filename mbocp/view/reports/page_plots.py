@@ -18,7 +18,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array
 from mbocp.problem.obstacles.approach import clearances_along
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.solution import Column
 from mbocp.view.figures import panels
 from mbocp.view.figures.lines import LinePanel, line_panels
@@ -280,7 +280,7 @@ def frame_panels(solution: Solution, robot: Robot) -> list[LinePanel]:
 def _follow_frames(robot: Robot, solution: Solution) -> tuple[Array, Array]:
     """Positions of the traced frames, shape (frames, N + 1, 3) [m], and speeds, (N + 1, frames) [m/s]."""
     ids = [robot.frame_id(name) for name in robot.trace_frames]
-    model, data = robot.model, working_data(robot.model)
+    model, data = robot.model, make_working_data(robot.model)
     places = np.empty((len(ids), len(solution.t), 3))
     speeds = np.empty((len(solution.t), len(ids)))
     for n, (q, v) in enumerate(zip(solution.qs, solution.vs, strict=True)):

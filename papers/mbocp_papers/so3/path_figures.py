@@ -13,7 +13,7 @@ from matplotlib.ticker import MultipleLocator
 
 from mbocp._arrays import Array
 from mbocp.robot import Robot
-from mbocp.robot.large import working_data
+from mbocp.robot.large import make_working_data
 from mbocp.view.figures.style import PALETTE, finish_axes, mark_time, new_figure, strip_legend
 from mbocp.view.replay import write_replay
 from mbocp_papers.so3.data import CHOICES, UNICYCLE
@@ -105,7 +105,7 @@ def _continuous(motion: Motion) -> Array:
 
 def _positions(robot: Robot, qs: Array, frame: str) -> Array:
     """Positions of a frame at each node, shape (N + 1, 3) [m]."""
-    data, index = working_data(robot.model), robot.model.getFrameId(frame)
+    data, index = make_working_data(robot.model), robot.model.getFrameId(frame)
     found = []
     for q in qs:
         pin.framesForwardKinematics(robot.model, data, q)

@@ -16,7 +16,7 @@ from mbocp.exceptions import ProblemError
 from mbocp.problem import Problem, load_problem, parse_problem, problem_to_toml
 from mbocp.problem.file.profile import profile_names, profile_of
 from mbocp.robot import Payload, Robot, load_parts
-from mbocp.solution.sent import motion_as_sent
+from mbocp.solution.sent import compute_motion_sent
 from mbocp.solution.sent_checks import controls_along, path_excesses
 from mbocp.solution.sent_states import Follower
 
@@ -228,7 +228,7 @@ def test_torques_over_the_speed_are_kept_as_a_motion_is_sent(tmp_path: Path) -> 
     )
     solution = mbocp.solve(one, check=True)
     assert "over_speed's motor of joint1.1" in {limit.name for limit in solution.active_limits}
-    sent = motion_as_sent(solution, 500.0)
+    sent = compute_motion_sent(solution, 500.0)
     _, _, vs, us = controls_along(Follower.of(sent, one.robot))
     speeds = np.array([0.0, 90.0, 360.0]) * TURN
     most = np.array([np.interp(np.abs(vs[:, k]), speeds, np.array(table)[:, k]) for k in (0, 1)]).T

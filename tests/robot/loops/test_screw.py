@@ -13,7 +13,7 @@ import pytest
 from mbocp._arrays import Array
 from mbocp.exceptions import InvalidValue, ProblemError, RobotFileError
 from mbocp.mechanics import JointMechanics, NaturalMechanics
-from mbocp.mechanics.held_frames import held_jacobians, held_residuals
+from mbocp.mechanics.held_frames import compute_held_jacobians, compute_held_residuals
 from mbocp.mechanics.natural_coordinates.space import NaturalSpace
 from mbocp.problem.timeline.hold import Hold
 from mbocp.robot import Coupling, Robot, Screw, load_robot
@@ -149,8 +149,10 @@ def test_a_hold_keeps_a_frame_on_the_thread_through_where_it_is() -> None:
     twist = np.concatenate([PITCH / (2 * np.pi) * axis, axis])
     for turn in TURNS:
         q = np.array(pin.SE3ToXYZQUAT(pin.XYZQUATToSE3(anchor) * pin.exp6(turn * twist)))
-        np.testing.assert_allclose(held_residuals(robot, held, q[None], anchor[None]), 0.0, atol=1e-13)
-    J = held_jacobians(robot, held, anchor[None])[0]
+        np.testing.assert_allclose(
+            compute_held_residuals(robot, held, q[None], anchor[None]), 0.0, atol=1e-13
+        )
+    J = compute_held_jacobians(robot, held, anchor[None])[0]
     np.testing.assert_allclose(J @ twist, 0.0, atol=1e-14)
     assert np.linalg.matrix_rank(J) == 5
 

@@ -19,8 +19,8 @@ from mbocp.robot.kinematics import WORLD
 from mbocp.robot.loading.description import ROOT_JOINT, Description, Oddity, ReadOptions
 from mbocp.robot.loading.readers.mjcf_bodies import Bodies, read_bodies
 from mbocp.robot.loading.readers.mjcf_geoms import mesh_assets
-from mbocp.robot.loading.readers.mjcf_tendons import fixed_tendons
-from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, XmlElement, named_joint, parse_mjcf
+from mbocp.robot.loading.readers.mjcf_tendons import read_fixed_tendons
+from mbocp.robot.loading.readers.mjcf_xml import ACTUATORS, Mjcf, XmlElement, find_named_joint, parse_mjcf
 from mbocp.robot.loading.readers.tree import TreeJoint, describe_tree, oddities_of, placements_of
 from mbocp.robot.loading.robot_toml import RobotTable, tables_from
 
@@ -34,7 +34,7 @@ def read(path: Path, name: str, how: ReadOptions) -> Description:
     mjcf = parse_mjcf(path)
     found = read_bodies(mjcf, how.folders)
     table = read_tables(mjcf, found, how.free_flyer)
-    disabled = partial(disabled_pairs, mjcf)
+    disabled = partial(read_disabled_pairs, mjcf)
     return describe_tree(path, mjcf.name, found.bodies, table, found.left_out, how, disabled)
 
 
@@ -74,7 +74,7 @@ def read_tables(mjcf: Mjcf, found: Bodies, free_flyer: bool | None) -> RobotTabl
     return tables_from({key: value for key, value in told.items() if value})
 
 
-def disabled_pairs(mjcf: Mjcf) -> frozenset[frozenset[str]]:
+def read_disabled_pairs(mjcf: Mjcf) -> frozenset[frozenset[str]]:
     """Pairs of bodies of <exclude>."""
     excluded = mjcf.root.iterfind("contact/exclude")
     return frozenset(frozenset((e.get("body1", ""), e.get("body2", ""))) for e in excluded)
@@ -90,7 +90,7 @@ class _Tables:
         """Motors of joints and fixed tendons, thrusters on sites; without any, what the defaults say."""
         limits: dict[str, Array] = {}
         pulls: dict[str, Array] = {}
-        tendons = fixed_tendons(self.mjcf, self.joints, self.found.left_out)
+        tendons = read_fixed_tendons(self.mjcf, self.joints, self.found.left_out)
         thrusters: list[dict[str, Any]] = []
         elements = list(self.mjcf.each("actuator"))
         for element in elements:
@@ -166,7 +166,7 @@ class _Tables:
     def _couple(self, node: XmlElement, name: str, rows: list[dict[str, Any]]) -> None:
         """Joint 1 as a polynomial of joint 2, both from their references; what is linear is a coupling."""
         first, second = node.text("joint1"), node.text("joint2")
-        named = [named_joint(node, key, self.joints) for key in ("joint1", "joint2")[: 1 + bool(second)]]
+        named = [find_named_joint(node, key, self.joints) for key in ("joint1", "joint2")[: 1 + bool(second)]]
         c = node.vector("polycoef", (0.0, 1.0, 0.0, 0.0, 0.0))
         start = self.joints[first].reference + c[0]
         is_fixed = not second or not np.any(c[1:])

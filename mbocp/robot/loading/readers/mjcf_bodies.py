@@ -171,7 +171,7 @@ class _Reader:
         least, most = self.groups
         chosen = [geom for geom in geoms if least <= geom.node.number("group", 0.0) <= most]
         if written is not None and not (from_geoms == "true" and chosen):
-            return _written_inertia(self.mjcf.node(written), body.name)
+            return _read_written_inertia(self.mjcf.node(written), body.name)
         total = pin.Inertia.Zero()
         for geom in chosen if from_geoms != "false" else ():
             total = total + inertia_of(geom, self.folders)
@@ -206,7 +206,7 @@ def read_bodies(mjcf: Mjcf, folders: Sequence[Path]) -> Bodies:
     return reader.found
 
 
-def _written_inertia(node: XmlElement, body: str) -> pin.Inertia:
+def _read_written_inertia(node: XmlElement, body: str) -> pin.Inertia:
     where = f"{node.path}: body {show(body)}"
     mass = node.number("mass", 0.0)
     if mass < 0.0:

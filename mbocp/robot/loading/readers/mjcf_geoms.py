@@ -14,7 +14,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import show
 from mbocp.exceptions import InvalidValue, RobotFileError
-from mbocp.meshes.mesh_parts import Indices, enclosed_body, fill, scale_mass
+from mbocp.meshes.mesh_parts import Indices, fill, measure_enclosed_body, scale_mass
 from mbocp.meshes.triangles import UNREADABLE, read_triangles
 from mbocp.robot.collision.geometry import LinkShape, mesh_of
 from mbocp.robot.collision.hull import hull_of
@@ -218,10 +218,10 @@ def _of_mesh(geom: Geom, mesh: MeshAsset, folders: Sequence[Path]) -> pin.Inerti
         words = "its body has no <inertial>, and the mesh that its mass follows from cannot be read"
         raise RobotFileError(node.path, f"{node.where}: {words}: {error}") from error
     if mesh.inertia == "exact":
-        body = enclosed_body(vertices, faces)
+        body = measure_enclosed_body(vertices, faces)
     else:  # MuJoCo's "legacy": volumes without sign, which holds for meshes that are not quite closed
-        centre = enclosed_body(vertices, faces, _middle(vertices[faces])).lever
-        found = enclosed_body(vertices, faces, centre)
+        centre = measure_enclosed_body(vertices, faces, _middle(vertices[faces])).lever
+        found = measure_enclosed_body(vertices, faces, centre)
         about_centre = pin.SE3(np.eye(3), centre).actInv(found).matrix()[3:, 3:]
         body = pin.Inertia(found.mass, centre, about_centre)
     if body.mass <= _NO_VOLUME:

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from mbocp.robot.loading.readers.mjcf_xml import Mjcf, named_joint
+from mbocp.robot.loading.readers.mjcf_xml import Mjcf, find_named_joint
 from mbocp.robot.loading.readers.tree import LeftOut, TreeJoint
 
 _LEFT_OUT = ("range", "stiffness", "damping", "frictionloss", "armature", "actuatorfrcrange")
 
 
-def fixed_tendons(
+def read_fixed_tendons(
     mjcf: Mjcf, joints: Mapping[str, TreeJoint], left_out: LeftOut
 ) -> dict[str, dict[str, Any]]:
     """Make tables of motors of the fixed tendons on hinges and slides that are not held.
@@ -38,7 +38,7 @@ def fixed_tendons(
             if np.any(node.vector(key, None)):
                 left_out.add(f"{key} of fixed tendons", name)
         terms = [mjcf.node(term) for term in element.iterfind("joint")]
-        pairs = [(named_joint(term, "joint", joints), term.number("coef", 1.0)) for term in terms]
+        pairs = [(find_named_joint(term, "joint", joints), term.number("coef", 1.0)) for term in terms]
         ratios = {joint.name: ratio for joint, ratio in pairs if joint.held is None and ratio != 0.0}
         if ratios and all(joints[joint].has_axis for joint in ratios):
             own = f"{name}_tendon" if name in joints else name

@@ -209,7 +209,7 @@ class Mjcf:
             yield from found
 
 
-def named_joint(node: XmlElement, key: str, joints: Mapping[str, TreeJoint]) -> TreeJoint:
+def find_named_joint(node: XmlElement, key: str, joints: Mapping[str, TreeJoint]) -> TreeJoint:
     """Find the joint that an attribute names.
 
     Raises

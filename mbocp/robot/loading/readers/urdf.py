@@ -23,7 +23,7 @@ from mbocp.robot.loading.readers.urdf_checks import check_losses, check_tree, fi
 from mbocp.robot.loading.readers.urdf_estimates import with_inertias
 from mbocp.robot.loading.readers.urdf_extensions import read_loops, tell_omissions
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, read_inertials, tell_impossible_inertias
-from mbocp.robot.loading.readers.urdf_order import give_back, sorted_names, with_names
+from mbocp.robot.loading.readers.urdf_order import give_back, make_sorted_names, with_names
 from mbocp.robot.loading.readers.urdf_shapes import build_visuals, mesh_addresses, shapes_of
 from mbocp.robot.loading.readers.urdf_xml import Urdf, find_srdf, finite_numbers, parse_urdf
 from mbocp.robot.loading.robot_toml import RobotTable, tables_from
@@ -122,7 +122,7 @@ def _pinocchio_model(urdf: Urdf, *, free_flyer: bool, mimic: bool) -> pin.Model:
     if mimic:
         found = followers(urdf.path, urdf.root)
         text = with_first_leaders(text, urdf.root, found)
-        names = sorted_names(urdf.path, urdf.root, found)
+        names = make_sorted_names(urdf.path, urdf.root, found)
         text = with_names(ElementTree.fromstring(text), names) if names else text
     noise: list[str] = []
     try:

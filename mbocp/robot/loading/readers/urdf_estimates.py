@@ -18,7 +18,7 @@ import pinocchio as pin
 from mbocp._arrays import Array
 from mbocp._text import quote_all, show, warn_caller
 from mbocp.exceptions import InvalidValue, RobotFileError, suggest
-from mbocp.meshes.mesh_parts import Indices, count_open_edges, enclosed_body, fill, scale_mass, weld
+from mbocp.meshes.mesh_parts import Indices, count_open_edges, fill, measure_enclosed_body, scale_mass, weld
 from mbocp.robot.collision.geometry import LinkShape, read_mesh
 from mbocp.robot.collision.hull import hull_of
 from mbocp.robot.loading.readers.urdf_inertia import Inertial, fault_of, is_rotor, read_inertials
@@ -73,7 +73,7 @@ def with_inertias(
     EstimatedInertiaWarning
         Once, with each link, its mass and where that is from.
     """
-    given = _tables_given(urdf, asked)
+    given = _read_tables_given(urdf, asked)
     inertials = {inertial.link: inertial for inertial in read_inertials(urdf.path, urdf.root)}
     faults = {} if asked.density is asked.mass is None else _faults(urdf, inertials, given)
     partial = [link for link, table in given.items() if not table.is_whole]
@@ -90,7 +90,7 @@ def with_inertias(
     return _write_inertias(urdf, found), tuple(found.values())
 
 
-def _tables_given(urdf: Urdf, asked: InertiasTable) -> Mapping[str, LinkTable]:
+def _read_tables_given(urdf: Urdf, asked: InertiasTable) -> Mapping[str, LinkTable]:
     names = [link.get("name", "") for link in urdf.root.iterfind("link")]
     given: dict[str, LinkTable] = asked.links
     for name in given:
@@ -149,11 +149,11 @@ def _of_mesh(vertices: Array, faces: Indices) -> tuple[pin.Inertia, bool]:
     except InvalidValue:  # flat
         return pin.Inertia.Zero(), True
     if not count_open_edges(triangles):
-        body = enclosed_body(corners, triangles)
+        body = measure_enclosed_body(corners, triangles)
         # Faces that are there twice may leave no volume, or more than there is room for.
         if _LEAST_SHARE * hull.volume < body.mass <= _LARGEST_SHARE * hull.volume and _is_possible(body):
             return body, False
-    return enclosed_body(np.array(hull.vertices), hull.faces), True
+    return measure_enclosed_body(np.array(hull.vertices), hull.faces), True
 
 
 def _is_possible(body: pin.Inertia) -> bool:

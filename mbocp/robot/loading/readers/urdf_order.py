@@ -17,7 +17,9 @@ from mbocp.exceptions import RobotFileError
 from mbocp.robot.loading.joint_numbers import MimicJoint
 
 
-def sorted_names(path: Path, root: ElementTree.Element, followers: Sequence[MimicJoint]) -> dict[str, str]:
+def make_sorted_names(
+    path: Path, root: ElementTree.Element, followers: Sequence[MimicJoint]
+) -> dict[str, str]:
     """Names with which leaders sort before their followers, by the joints' own; none where they do anyway.
 
     Raises

@@ -18,7 +18,7 @@ from mbocp._arrays import Array
 from mbocp._text import shorten, show, warn_caller
 from mbocp.exceptions import RobotFileError
 from mbocp.robot.collision.geometry import LinkShape, ShapeSource
-from mbocp.robot.loading.addresses import NO_PACKAGE, resolve, root_of_stored
+from mbocp.robot.loading.addresses import NO_PACKAGE, find_root_of_stored, resolve
 from mbocp.robot.loading.readers.urdf_xml import Urdf, child_attribute, finite_numbers, pairs_disabled_beside
 from mbocp.robot.warnings import MissingMeshWarning
 
@@ -50,7 +50,9 @@ def build_visuals(urdf: Urdf, model: pin.Model, folders: Sequence[Path]) -> pin.
             color = _color(urdf, shape.where, visual.find("material"), materials)
             visuals.addGeometryObject(object_of(model, shape, color))
     if missing:
-        path = urdf.path if root_of_stored(urdf.path.parent) is None else urdf.path.name  # that of a result
+        path = (
+            urdf.path if find_root_of_stored(urdf.path.parent) is None else urdf.path.name
+        )  # that of a result
         warn_caller(f"{path}: shown without its missing meshes ({_name(missing)})", MissingMeshWarning)
     return visuals
 
