@@ -22,8 +22,8 @@ from mbocp.job import Job
 from mbocp.problem import Problem
 from mbocp.problem.obstacles.approach import Approach, touches_along
 from mbocp.problem.obstacles.reserves import (
+    find_missing_pairs,
     largest_reserve,
-    missing_pairs,
     rows_of,
     with_pairs,
     with_room,

@@ -114,7 +114,7 @@ class MotionStates:
         return np.asarray(np.logical_and(held[first], held[last]))
 
 
-def _rows_seen(constraint: BoundedTerm, follower: Follower | None, problem: Problem) -> BoolArray:
+def _find_rows_seen(constraint: BoundedTerm, follower: Follower | None, problem: Problem) -> BoolArray:
     """Which rows of a constraint follow from joints that are sent, and controls."""
     sizes = {"acceleration": problem.robot.nv, "progress": 1, "control": problem.robot.nu}
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}

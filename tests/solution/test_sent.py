@@ -136,12 +136,12 @@ def test_where_means_take_too_long_the_nearest_motion_is_sent() -> None:
 def test_a_long_mean_gives_way_to_a_shorter_motion_where_joints_alone_have_limits() -> None:
     """Half of the mean's 80 ms: leaps by 4 at both ends take 40 ms together, as those by 8 within."""
     kept = swing()
-    sent = motion_as_sent(replace(kept, facts_kept=replace(kept.facts, ties=0)), 1000.0, fit=True)
+    sent = compute_motion_sent(replace(kept, facts_kept=replace(kept.facts, ties=0)), 1000.0, fit=True)
     assert (sent.is_nearest, sent.mean) == (True, 0.0)
     assert 1.0 + 4.0 / JERK <= sent.curves.nodes[-1] <= 1.0 + 4.5 / JERK
     assert not sent.excesses
     row = PathRow("height of tool", 0.0, 1.0, "m", 20)
-    bound = motion_as_sent(
+    bound = compute_motion_sent(
         replace(kept, facts_kept=replace(kept.facts, ties=0, path=(row,))), 1000.0, fit=True
     )
     assert (bound.is_nearest, bound.mean) == (False, pytest.approx(8.0 / JERK, rel=1e-2))

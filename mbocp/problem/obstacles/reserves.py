@@ -102,7 +102,7 @@ def with_rows_and_room(
     rows = rows_of(problem)
     if rows is None or not np.isfinite(qs).all():
         return None
-    missing, reserve, chosen = set(missing_pairs(problem, t, qs, vs)), rows.reserves, rows.chosen
+    missing, reserve, chosen = set(find_missing_pairs(problem, t, qs, vs)), rows.reserves, rows.chosen
     if touches:
         more = _shortfalls(rows, t, qs, vs, touches)
         missing |= set(np.flatnonzero(more).tolist())
