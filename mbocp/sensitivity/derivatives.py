@@ -16,14 +16,13 @@ from mbocp.exceptions import DimensionMismatch, InvalidValue
 from mbocp.formulation import Formulation, Motion
 from mbocp.programme import Iterate
 from mbocp.sensitivity.change import Change, ProblemNumbers
-from mbocp.sensitivity.kkt import Parts, check_unique
 from mbocp.sensitivity.lagrangian_slopes import ParameterFunctions
-from mbocp.sensitivity.moving_end import take_end_along
 from mbocp.sensitivity.of_ends import check_rates_at_end
 from mbocp.sensitivity.of_robot import OfRobot
 from mbocp.sensitivity.optimum import Found, find_optimum, formulate_again, with_active_limits
 from mbocp.sensitivity.parameters import parameters_of
-from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, OptimumReader, readings_of
+from mbocp.sensitivity.reading import OF_MODEL, OF_MOTION, Move, readings_of
+from mbocp.sensitivity.slopes import OptimumSlopes
 from mbocp.solution import Solution
 
 _LISTED = 4  # degenerate limits in a message
@@ -107,21 +106,18 @@ class Sensitivities:
     @property
     def motion(self) -> Motion:
         """That whose conditions hold to round-off; the solution's own ends at a barrier."""
-        return self._reader.motion
+        return self._slopes.reader.motion
 
     @cached_property
     def cost(self) -> dict[str, Array]:
         """Gradient of the cost by parameter, by the envelope theorem: no system is solved.
 
         It is as exact as the multipliers of the solve: beside limits to about 1e-7 of the largest entry.
-        Conditions of the end stay as the solve chose them. ``of("cost", word)`` takes multipliers to
-        round-off first, and such conditions along.
+        Conditions of the end stay as the solve chose them, also where some depend on others.
+        ``of("cost", word)`` takes multipliers to round-off first and such conditions along, or refuses.
         """
         optimum = with_active_limits(self.formulation.programme, self.iterate)
         return self._by_word(self._functions.gradient(optimum, self._given))
-
-    def _cost_along(self, change: Change) -> Array:
-        return self._functions.gradient(self._optimum.kkt.optimum, change)
 
     def of(self, quantity: str, word: str) -> Array:
         """Derivative of a quantity of the solution in a parameter.
@@ -156,8 +152,8 @@ class Sensitivities:
         if quantity in OF_MODEL and isinstance(parameter, OfRobot):
             raise InvalidValue("quantity", quantity, f"one that depends on {word} by the motion alone")
         if quantity == "cost":
-            return self._by_word(self._cost_along(self._sound_change))[word]
-        columns = [self._reader.along(move, [quantity])[quantity] for move in self._moves[word]]
+            return self._by_word(self._slopes.of_cost(self._slopes.sound_change))[word]
+        columns = [self._slopes.reader.along(move, [quantity])[quantity] for move in self._moves[word]]
         return np.stack(columns, axis=-1)
 
     def along(self, **moves: ArrayLike) -> dict[str, Array]:
@@ -180,10 +176,11 @@ class Sensitivities:
             given[word][:] = _array_of_shape(word, move, given[word].shape)
         weights = np.concatenate(list(given.values()))
         stretch = np.array([weights @ self._stretches])
-        (along,) = self._moves_for(self._change.along(weights[None]), stretch)
+        slopes = self._slopes
+        (along,) = slopes.moves(slopes.change.along(weights[None]), stretch)
         return {
-            "cost": weights @ self._cost_along(self._change),
-            **self._reader.along(along, OF_MOTION),
+            "cost": weights @ slopes.of_cost(slopes.change),
+            **slopes.reader.along(along, OF_MOTION),
         }
 
     def gradient(self, **bars: ArrayLike) -> dict[str, Array]:
@@ -215,21 +212,11 @@ class Sensitivities:
             _check_known("quantity", name, shapes)
         given = {name: _array_of_shape(name, bar, shapes[name]) for name, bar in bars.items()}
         of_cost = given.pop("cost", np.zeros(()))
-        whole, stretch = self._pull(given, self._sound_change)
+        whole, stretch = self._slopes.pull(given, self._slopes.sound_change)
         whole += stretch * self._stretches
         if of_cost:
-            whole += of_cost * self._cost_along(self._sound_change)
+            whole += of_cost * self._slopes.of_cost(self._slopes.sound_change)
         return self._by_word(whole)
-
-    def _pull(self, bars: dict[str, Array], change: Change) -> tuple[Array, float]:
-        """Derivatives along a change of a scalar of the motion, and in the share by which steps grow."""
-        kkt, (xs, us, stretch) = self._optimum.kkt, self._reader.pull_back(bars)
-        zeros = Parts.zeros(self.formulation.programme, 1)
-        adjoint = kkt.solve(zeros._replace(xs=-xs[None, 1:], us=-us[None]))
-        found = self._functions.pull(kkt.optimum, adjoint, change)
-        if adjoint.free is not None:
-            check_unique(found, self._functions.pull(kkt.optimum, kkt.of_multipliers(adjoint.free), change))
-        return found + change.start @ xs[0], stretch
 
     @cached_property
     def _optimum(self) -> Found:
@@ -253,30 +240,8 @@ class Sensitivities:
         return Change.join([parameter.change() for parameter in self.parameters])
 
     @cached_property
-    def _change(self) -> Change:
-        """The same, with what the motion makes of them."""
-        return take_end_along(self.formulation, self._given, self._slopes_of_end)
-
-    @cached_property
-    def _sound_change(self) -> Change:
-        """The same, refused where conditions of the end that depend on each other would part.
-
-        Contacts may say of the end what the goal says, too. An adjoint does not tell, but any move does.
-        """
-        change = self._change
-        if self.formulation.problem.timeline.switches is not None and change.rho_terminal.any():
-            weights = np.random.default_rng(0).normal(size=(1, len(change.start)))
-            self._moves_for(change.along(weights), np.zeros(1))
-        return change
-
-    def _slopes_of_end(self, change: Change) -> Array:
-        """Derivatives of the last configuration along a change, shape (k, nv)."""
-        moves = self._moves_for(change, np.zeros(len(change.start)))
-        return np.stack([self._reader.along(move, ["qs"])["qs"][-1] for move in moves])
-
-    @cached_property
-    def _reader(self) -> OptimumReader:
-        return OptimumReader(self.formulation, self._optimum.kkt.optimum)
+    def _slopes(self) -> OptimumSlopes:
+        return OptimumSlopes(self.formulation, self._optimum.kkt, self._functions, self._given)
 
     @cached_property
     def _stretches(self) -> Array:
@@ -288,24 +253,7 @@ class Sensitivities:
     @cached_property
     def _moves(self) -> dict[str, list[Move]]:
         """Of each parameter a move of the optimum for each of its numbers."""
-        return self._by_word(self._moves_for(self._change, self._stretches))
-
-    def _moves_for(self, change: Change, stretches: Array) -> list[Move]:
-        """Moves of the optimum with changes of the programme's numbers."""
-        kkt = self._optimum.kkt
-        solved, _, free = kkt.solve(Parts(*(-part for part in self._functions.push(kkt, change))))
-        return [
-            Move(
-                start=change.start[k],
-                step=Parts(*(part[k] for part in solved)),
-                theta=change.theta[k],
-                rho=change.rho[k],
-                rho_terminal=change.rho_terminal[k],
-                stretch=float(stretch),
-                free=None if free is None else Parts(*(part[k] for part in free)),
-            )
-            for k, stretch in enumerate(stretches)
-        ]
+        return self._by_word(self._slopes.moves(self._slopes.change, self._stretches))
 
     def _by_word(self, whole: Any) -> dict[str, Any]:
         """Parts of what belongs to all parameters, one after the other."""
