@@ -119,8 +119,8 @@ def test_max_iterations(method: str, limit: int) -> None:
 @METHODS
 def test_time_limit(method: str, capfd: pytest.CaptureFixture[str]) -> None:
     clock = time.perf_counter()
-    slow = at_iteration(3, lambda: time.sleep(0.3))
-    s = mbocp.solve(load("solver.time_limit=0.2"), solver=method, callback=slow)
+    slow = at_iteration(3, lambda: time.sleep(0.7))
+    s = mbocp.solve(load("solver.time_limit=0.6"), solver=method, callback=slow)
     assert s.status is Status.TIME_LIMIT
     assert "not converged within solver.time_limit, after 3 iterations" in s.advice
     assert s.iterations == 3
