@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from mbocp._arrays import Array, BoolArray
 from mbocp.robot import joints
+from mbocp.robot.large import make_working_data
 
 WHEEL_RANGE = 8.0 * math.pi  # [rad] arms turn less, and it matters to their tools where to
 _BALANCED = 1e-9  # of the moment of inertia
@@ -42,7 +43,7 @@ def find_wheels(model: pin.Model, lower: Array, upper: Array) -> BoolArray:
 
 def _is_balanced(model: pin.Model, joint: int) -> bool:
     """Whether a turn about the joint's axis changes nothing of its body."""
-    data, body = model.createData(), model.inertias[joint]
+    data, body = make_working_data(model), model.inertias[joint]
     jacobian = pin.computeJointJacobian(model, data, pin.neutral(model), joint)  # in the joint's axes
     axis = jacobian.reshape(6, model.nv)[3:, joints.velocity_slice(model, joint).start]
     turn = pin.SE3(pin.AngleAxis(1.0, axis).toRotationMatrix(), np.zeros(3))

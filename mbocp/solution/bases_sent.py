@@ -12,13 +12,12 @@ from mbocp.exceptions import MbocpError
 from mbocp.robot import Robot
 from mbocp.robot.nodes import steps_between
 from mbocp.solution.curves import differences
-from mbocp.solution.joints_sent import Excess, find_excesses
+from mbocp.solution.joints_sent import CURVE_PART, Excess, find_excesses
 from mbocp.solution.recordings import MotionSamples, points_of
 from mbocp.solution.sent import NotCheckedWarning
 from mbocp.solution.solution_data import SolutionData
 from mbocp.terms.rates import RATE_TERMS
 
-_TOLERANCE = 0.01  # relative, of a limit: polynomials between nodes are no closer to the dynamics
 _MOST_NAMES = 6
 
 
@@ -74,7 +73,7 @@ def _of_bases(points: _Points, solution: SolutionData, robot: Robot) -> Iterator
         for i in range(joint.idx_v, joint.idx_v + joint.nv):
             name, unit = labels.v[i].name, labels.v[i].unit
             bounds = solution.limits_v[:, i]
-            yield from find_excesses("speed", name, both[:, i], bounds, t, unit, _TOLERANCE)
+            yield from find_excesses("speed", name, both[:, i], bounds, t, unit, CURVE_PART)
             if "acceleration" in rates:
                 found, bounds = (
                     points.accelerations[:, i],
@@ -82,12 +81,12 @@ def _of_bases(points: _Points, solution: SolutionData, robot: Robot) -> Iterator
                 )
                 of_rate = RATE_TERMS["acceleration"].unit(unit)
                 yield from find_excesses(
-                    "acceleration", name, found, bounds, points.middles, of_rate, _TOLERANCE
+                    "acceleration", name, found, bounds, points.middles, of_rate, CURVE_PART
                 )
         for i in range(joint.idx_q, joint.idx_q + joint.nq):
             name, unit = labels.q[i].name, labels.q[i].unit
             yield from find_excesses(
-                "position", name, points.qs[:, i], solution.limits_q[:, i], points.t, unit, _TOLERANCE
+                "position", name, points.qs[:, i], solution.limits_q[:, i], points.t, unit, CURVE_PART
             )
 
 

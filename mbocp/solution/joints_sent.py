@@ -18,6 +18,7 @@ from mbocp.terms.rates import RATE_TERMS
 
 _PARTS = 10  # of a step at whose ends limits are looked at
 _TOLERANCE = 1e-4  # relative, of a limit that is exceeded between nodes
+CURVE_PART = 0.01  # the same where polynomials between nodes are no closer to the dynamics
 FITTED = 1e-7  # relative, by which a motion that is fitted may leave a limit, as solvers may
 _LEAST_SIZE = 1e-9  # of a limit
 _SAME = 1e-9  # [s]

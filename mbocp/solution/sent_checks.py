@@ -20,7 +20,7 @@ from mbocp.problem.obstacles.approach import nearest_approach
 from mbocp.problem.obstacles.clearance import Clearance
 from mbocp.robot.nodes import between
 from mbocp.solution.curves import differences
-from mbocp.solution.joints_sent import EFFORT_RATE, Excess, find_excesses
+from mbocp.solution.joints_sent import CURVE_PART, EFFORT_RATE, Excess, find_excesses
 from mbocp.solution.sent import Sent
 from mbocp.solution.sent_states import Follower
 from mbocp.terms.bounded import BoundedTerm
@@ -159,7 +159,6 @@ def _nearer(clearance: Clearance, motion: MotionStates) -> Iterator[Excess]:
 
 
 _PARTS_OF_CONTROLS = 4  # of a step at whose ends they are looked at
-_TOLERANCE = 0.01  # relative, of a limit: polynomials between nodes are no closer to the dynamics
 
 
 def check_sent(sent: Sent, problem: Problem) -> tuple[tuple[Excess, ...], tuple[str, ...]]:
@@ -223,21 +222,21 @@ def _of_controls(follower: Follower, along: _Along) -> Iterator[Excess]:
         for k, column in enumerate(columns if kind in bounds else ()):
             unit = column.unit if kind == "effort" else "W"
             yield from find_excesses(
-                kind, column.name, values[:, k], bounds[kind][:, k], times, unit, _TOLERANCE
+                kind, column.name, values[:, k], bounds[kind][:, k], times, unit, CURVE_PART
             )
     if "effort_rate" in facts.rates:
         rates, middles = _effort_rates(follower, along)
         bounds["effort_rate"] = facts.bounds_of_rate("effort_rate")
         for k, column in enumerate(columns):
             unit, sides = RATE_TERMS["effort_rate"].unit(column.unit), bounds["effort_rate"][:, k]
-            yield from find_excesses(EFFORT_RATE, column.name, rates[:, k], sides, middles, unit, _TOLERANCE)
+            yield from find_excesses(EFFORT_RATE, column.name, rates[:, k], sides, middles, unit, CURVE_PART)
     if facts.effort_rms:
         squares = controls**2
         means = np.sqrt(np.diff(times) @ (squares[1:] + squares[:-1]) / (2.0 * times[-1]))
         for column, mean, limit in zip(columns, means, facts.effort_rms, strict=True):
             sides = np.array([-np.inf, limit])
             yield from find_excesses(
-                "root mean square", column.name, mean[None], sides, times[-1:], column.unit, _TOLERANCE
+                "root mean square", column.name, mean[None], sides, times[-1:], column.unit, CURVE_PART
             )
 
 
@@ -290,5 +289,5 @@ def _of_links(follower: Follower, along: _Along) -> Iterator[Excess]:
         )
         unit = solution.labels.v[at_v].unit
         yield from find_excesses(
-            "speed", joint.name, vs[:, at_v], solution.limits_v[:, at_v], times, unit, _TOLERANCE
+            "speed", joint.name, vs[:, at_v], solution.limits_v[:, at_v], times, unit, CURVE_PART
         )
