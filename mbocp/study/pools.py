@@ -7,6 +7,7 @@ import os
 import pickle
 import signal
 import threading
+import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -35,6 +36,8 @@ class LocalPool:
 
     They come from a server process that has imported everything: a new one is there at once.
     """
+
+    dies_together = False  # whether a process takes tasks with it that did nothing
 
     def __init__(self, workers: int | None = None) -> None:
         self.workers = workers if workers is not None else available_workers()
@@ -84,6 +87,8 @@ class LocalPool:
 class ExecutorPool:
     """An executor of somebody else: Dask's, MPI's, or Python's own."""
 
+    dies_together = True  # all that waits at a worker, or has ended there and was not fetched
+
     def __init__(self, executor: Executor, workers: int | None = None) -> None:
         self.executor = executor
         known = getattr(executor, "_max_workers", None)
@@ -98,7 +103,8 @@ class ExecutorPool:
     def submit(self, function: Callable[..., Any], *args: Any, limit: float | None = None) -> Future[Any]:
         """Run a function of a module; nobody but the solver looks at the `limit`."""
         try:
-            future: Future[Any] = self.executor.submit(function, *args)
+            # Dask takes equal calls for one task, and would answer a second try with the first one's end.
+            future: Future[Any] = self.executor.submit(_call, uuid.uuid4().hex, function, *args)
         except (BrokenExecutor, RuntimeError) as error:
             raise _describe_giving_up(error) from error
         self._pending.add(future)
@@ -124,6 +130,11 @@ class ExecutorPool:
 
 
 Pool: TypeAlias = LocalPool | ExecutorPool
+
+
+def _call(word: str, function: Callable[..., Any], *args: Any) -> Any:
+    del word  # makes this call another one than all before
+    return function(*args)
 
 
 def _describe_giving_up(error: BaseException) -> StudyError:

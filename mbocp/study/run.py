@@ -203,10 +203,12 @@ class _Run:
     def run(self, indices: Iterator[int]) -> None:
         """Keep the pool busy until all tasks have a row."""
         pending: dict[Future[Any], int] = {}
-        again: list[int] = []
+        again: list[int] = []  # run last and alone, where nobody else can be to blame
         while True:
             while len(pending) < self.pool.in_flight:
-                index = again.pop() if again else next(indices, None)
+                index = next(indices, None)
+                if index is None and again and not pending:
+                    index = again.pop()
                 if index is None:
                     break
                 pending[self._submit(index)] = index
@@ -231,10 +233,10 @@ class _Run:
         if error is None:
             return future.result()
         failed = self.pool.failure(error, self.study.job.time_limit)
+        tries = self.tries[index] = self.tries.get(index, 0) + 1
         if failed is not None:
-            return failed
-        self.tries[index] = self.tries.get(index, 0) + 1
-        if self.tries[index] < _MAX_TRIES:
+            return None if self.pool.dies_together and tries == 1 else failed
+        if tries < _MAX_TRIES:
             return None
         return failure_row(CRASHED, f"the pool of processes broke {_MAX_TRIES} times while it ran")
 
