@@ -10,7 +10,6 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
 from mbocp.bounds.task import BoundTask, windows_of
-from mbocp.integrators import VELOCITY_TAU
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.solution import Solution
@@ -140,7 +139,7 @@ def _holds_for_steps(problem: Problem) -> bool:
     Forces and jerks of steps are others than those of a continuous motion.
     """
     has_joint_states = COORDINATES[problem.coordinates].has_joint_states
-    is_linear = has_joint_states and VELOCITY_TAU.get(problem.scheme) == 0.5
+    is_linear = has_joint_states and problem.scheme == "midpoint"
     is_free = not problem.robot.nc  # steps of closed loops put them together again
     return is_linear and is_free and "j" not in problem.widest_limits.letters
 

@@ -105,7 +105,8 @@ def build_first_functions(mechanics: Mechanics, signature: FunctionSignature) ->
 
 def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
     mechanics, at, features = space.configurations, space.layout, signature.features
-    ny = signature.steps.num_algebraic(mechanics) + sum(feature.num_algebraic for feature in features)
+    num_held = sum(feature.num_held for feature in features)
+    y = ca.SX.sym("y", signature.steps.num_algebraic(mechanics, num_held))
     layout = parameter_layout(signature, Sizes.of(mechanics))
     theta = symbols_for("theta", layout.theta, mechanics.numbers)
     rho = ca.SX.sym("rho", sum(layout.stage.values()))
@@ -126,12 +127,13 @@ def _symbols(space: StateSpace, signature: FunctionSignature) -> StepSymbols:
         d1=d1,
         at0=at0,
         at1=at1,
-        y=ca.SX.sym("y", ny),
+        y=y,
+        impulses=signature.steps.impulses_of(y, mechanics.nc + num_held),
         named_inputs=inputs,
         u=inputs["own"],
         dt=given["dt"],
         spacing=given["dt"],
-        m=ca.SX.sym("m", at.ndx + ny),
+        m=ca.SX.sym("m", at.ndx + y.numel()),
         units_of_u=ca.vertcat(ca.repmat(given["force"], mechanics.nu - num_drives), ca.SX.ones(num_drives)),
         theta=theta,
         rho=rho,

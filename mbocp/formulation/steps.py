@@ -9,11 +9,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import casadi as ca
 
-from mbocp._arrays import dataclass
+from mbocp._arrays import Array, dataclass
 from mbocp.formulation.layout import StateSpace
 from mbocp.formulation.motion import Passage
 from mbocp.integrators import control_basis
@@ -21,6 +21,8 @@ from mbocp.integrators.switched import ActiveForces
 from mbocp.mechanics import JointMechanics, Mechanics, symbols_of
 from mbocp.mechanics.held_frames import write_held_jacobian
 from mbocp.robot import Robot
+
+Unknowns = TypeVar("Unknowns", ca.SX, Array)
 
 HAS_BEFORE = "has_before"  # the stage parameter: 1 in steps that have one before them, else 0
 
@@ -84,7 +86,9 @@ class StepSymbols:
     at0, at1 : casadi.SX, shape (nx,)
         The states moved along the tangents; of the first step, that before it by the moves, too.
     y : casadi.SX, shape (ny,)
-        Impulses of constraints, in the unit of force.
+        Unknowns of the step.
+    impulses : casadi.SX
+        Those of the constraints among them, in the unit of force.
     named_inputs : mapping of str to casadi.SX
         All controls of the programme, by name.
     u : casadi.SX, shape (nu,)
@@ -134,6 +138,7 @@ class StepSymbols:
     at0: ca.SX
     at1: ca.SX
     y: ca.SX
+    impulses: ca.SX
     named_inputs: Mapping[str, ca.SX]
     u: ca.SX
     dt: ca.SX
@@ -197,7 +202,7 @@ class StepSymbols:
     def forces(self) -> ca.SX:
         """Forces of all rows of constraints; those of bodies and joints come before them [N, N m]."""
         first = self.mechanics.nc - self.mechanics.robot.nc
-        return self.given["force"] * self.y[first:] / self.dt
+        return self.given["force"] * self.impulses[first:] / self.dt
 
     def ties(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Derivatives of all constraints at a configuration, shape (rows, nv), and which act, 1 or 0."""
@@ -293,9 +298,13 @@ class Steps(ABC):
         """Equations of motion in the form that the steps ask for."""
         return JointMechanics(robot, numbers=symbols_of(robot))
 
-    def num_algebraic(self, mechanics: Mechanics) -> int:
-        """Unknowns of a step beside states and controls: one impulse for each constraint."""
-        return mechanics.nc
+    def num_algebraic(self, mechanics: Mechanics, num_held: int) -> int:
+        """Unknowns of a step beside states and controls: an impulse for each row of constraints."""
+        return mechanics.nc + num_held
+
+    def impulses_of(self, unknowns: Unknowns, num_rows: int) -> Unknowns:
+        """Impulses of the constraints' rows among these unknowns, along the first axis."""
+        return unknowns
 
     @abstractmethod
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:

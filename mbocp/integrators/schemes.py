@@ -11,12 +11,13 @@ from mbocp.integrators.pairs import PAIRS
 from mbocp.integrators.tableaux import TABLEAUX
 
 # Appendix B: where in its step a scheme looks at state and forces.
+PROJECTED = "projected_midpoint"
 TAU: Mapping[str, float] = MappingProxyType(
-    {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0}
+    {"se1": 1.0, "se2": 0.0, "midpoint": 0.5, "semi_implicit_euler": 0.0, PROJECTED: 0.5}
 )
 # Where in its step the velocity is that the configuration moves with.
 VELOCITY_TAU: Mapping[str, float] = MappingProxyType({**TAU, "semi_implicit_euler": 1.0})
-EULER_SCHEMES = tuple(TAU)
+EULER_SCHEMES = tuple(name for name in TAU if name != PROJECTED)
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class SchemeData:
         Whether robots may have holonomic constraints at all.
     takes_natural : bool
         Whether it integrates natural coordinates, too.
+    projects : bool
+        Whether velocities at the end of each step are projected onto the constraints.
     has_forces : bool
         Whether a step has one force for each constraint, which path constraints can bound.
     has_row_adjoints : bool
@@ -64,6 +67,7 @@ class SchemeData:
     takes_holds: bool = False
     takes_loops: bool = True
     takes_natural: bool = False
+    projects: bool = False
     has_forces: bool = False
     has_row_adjoints: bool = False
     controls: tuple[str, ...] = ("constant",)
@@ -79,7 +83,6 @@ _TAU_FAMILY = SchemeData(
     solves_constraints=True,
     takes_drives=False,
     takes_matrices=False,
-    takes_natural=True,
     has_forces=True,
 )
 _PARTITIONED = SchemeData(
@@ -118,6 +121,8 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
             alternates=tau == 0.5,
             settles=name == "se1",
             takes_holds=tau > 0.0,
+            takes_natural=name != PROJECTED,
+            projects=name == PROJECTED,
             has_row_adjoints=name == "se1",
             controls=("constant", "stages") if tau == 0.5 else ("constant",),  # it has one stage
         )

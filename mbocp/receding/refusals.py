@@ -137,7 +137,10 @@ class MovingStages:
     def forces(self) -> dict[str, Array]:
         """Forces of the contacts, by names of what is held, see `RecedingHorizon.contact_forces`."""
         contacts = self._formulation.problem.contacts
-        lams = self._native.y.reshape(len(self.is_impact), -1) / self._formulation.problem.dt
+        formulation = self._formulation
+        rows, ys = len(formulation.constraint_labels), self._native.y.reshape(len(self.is_impact), -1)
+        impulses = formulation.pieces.signature.steps.impulses_of(ys.T, rows).T
+        lams = impulses / formulation.problem.dt
         return {one.contact.constraint: one.wrenches(lams) for one in contacts}
 
 

@@ -53,8 +53,11 @@ class TrapezoidalSteps:
     def mechanics(self, robot: Robot) -> Mechanics:
         return JointMechanics(robot)
 
-    def num_algebraic(self, mechanics: Mechanics) -> int:
+    def num_algebraic(self, mechanics: Mechanics, num_held: int) -> int:
         return 0
+
+    def impulses_of(self, unknowns: ca.SX, num_rows: int) -> ca.SX:
+        return unknowns
 
     def derivatives(self, at: StepSymbols) -> StepDerivatives:
         mechanics, layout, dt, force = at.mechanics, at.space.layout, at.given["dt"], at.given["force"]

@@ -26,7 +26,7 @@ class Stepper:
         self.robot = robot
         self.functions = build_functions(mechanics, signature, ("jacobian", "retract"))
         self.theta = np.concatenate([[dt, 1.0], np.zeros(robot.nu)])
-        self.ndx, self.ny = 2 * robot.nv, steps.num_algebraic(mechanics)
+        self.ndx, self.ny = 2 * robot.nv, steps.num_algebraic(mechanics, 0)
         self.u = np.zeros(robot.nu)
         q, v = ca.SX.sym("q", robot.nq), ca.SX.sym("v", robot.nv)
         p = mechanics.momentum(q, v)

@@ -54,14 +54,14 @@ class Switches(Feature):
         return found if found.held or found.num_own or found.has_impacts else None
 
     @property
-    def num_algebraic(self) -> int:
+    def num_held(self) -> int:
         """Rows of the held frames."""
         return len(label_held(self.held))
 
     @property
     def stage_parameters(self) -> Mapping[str, int]:
         """Which rows act, and whether a step is an impact."""
-        rows = self.num_own + self.num_algebraic
+        rows = self.num_own + self.num_held
         return {**({_ACTIVE: rows} if rows else {}), **({_IS_IMPACT: 1} if self.has_impacts else {})}
 
     @property

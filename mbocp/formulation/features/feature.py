@@ -91,8 +91,8 @@ class Feature(ABC):
         return _NOTHING
 
     @property
-    def num_algebraic(self) -> int:
-        """Further unknowns of a step beside states and controls, each with a row."""
+    def num_held(self) -> int:
+        """Rows of constraints beside those of the mechanics."""
         return 0
 
     @property

@@ -76,7 +76,7 @@ class ExplicitSteps(Steps):
         """Forward dynamics."""
         return ForwardMechanics(robot, self.rotations, numbers=symbols_of(robot))
 
-    def num_algebraic(self, mechanics: Mechanics) -> int:
+    def num_algebraic(self, mechanics: Mechanics, num_held: int) -> int:
         """None: accelerations are projected, and multipliers no unknowns."""
         return 0
 

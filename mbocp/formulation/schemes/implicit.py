@@ -20,8 +20,8 @@ from mbocp.formulation.features.changing_constraints import (
     ties_at_end,
 )
 from mbocp.formulation.motion import Motion
-from mbocp.formulation.pieces import Pieces, RowLabels, impulses
-from mbocp.formulation.schemes.implicit_steps import ImplicitSteps
+from mbocp.formulation.pieces import Algebraic, Pieces, RowLabels, impulses
+from mbocp.formulation.schemes.implicit_steps import ImplicitSteps, ProjectedSteps
 from mbocp.formulation.schemes.joint_states import (
     JointFormulation,
     boundary_duals,
@@ -29,6 +29,7 @@ from mbocp.formulation.schemes.joint_states import (
     stage_costs,
     tangent_duals,
 )
+from mbocp.integrators import SCHEMES
 from mbocp.lie import ConfigurationSpace
 from mbocp.mechanics import dual_of_momentum, duals_of_momenta
 from mbocp.problem import Problem
@@ -47,10 +48,18 @@ class ImplicitFormulation(JointFormulation):
         space = ConfigurationSpace(robot.model, "quaternion")
         rows = end_condition_rows(robot, problem.goal, ties=ties_at_end(problem, problem.goal.q))
         is_flat = needs_plain_states(problem) or robot.is_vector_space
-        signature = signature_of(problem, space, rows, ImplicitSteps(problem.scheme), is_flat=is_flat)
         labels = labels_of(problem)
-        words = RowLabels(robot.v_labels, "momentum balance", robot.v_labels, labels)
-        own = (impulses(len(labels), problem.dt), consistent_velocity(problem), problem.limits_along()["v"])
+        balance = (robot.v_labels, "momentum balance", robot.v_labels)
+        steps: ImplicitSteps
+        if SCHEMES[problem.scheme].projects and labels:
+            steps, algebraic = ProjectedSteps(problem.scheme), _leaps(robot.nv, len(labels), problem.dt)
+            leaps = tuple(f"projection of {label.name}" for label in robot.v_labels)
+            words = RowLabels(*balance, labels * 2, leaps)
+        else:
+            steps, algebraic = ImplicitSteps(problem.scheme), impulses(len(labels), problem.dt)
+            words = RowLabels(*balance, labels)
+        signature = signature_of(problem, space, rows, steps, is_flat=is_flat)
+        own = (algebraic, consistent_velocity(problem), problem.limits_along()["v"])
         return joint_pieces(problem, signature, space, rows, *own, words)
 
     @property
@@ -67,8 +76,21 @@ class ImplicitFormulation(JointFormulation):
         """Iterate at a motion; adjoints are zero."""
         held = add_held_columns(self.problem, lams)
         xs, us = self.states_and_controls(motion, motion.vs, held)
-        dts = fill_impulses(self.problem, motion.dts)
-        return zero_multipliers(self.programme, xs, dts * held, us)
+        ys = np.zeros((len(us), self.pieces.algebraic.size))
+        ys[:, self._own_rows] = fill_impulses(self.problem, motion.dts) * held
+        return zero_multipliers(self.programme, xs, ys, us)
+
+    @property
+    def _own_rows(self) -> slice:
+        """Impulses of steps, without those of projections, among their unknowns and their rows."""
+        size = len(self.constraint_labels)
+        first = self._num_leaps
+        return slice(first, first + size)
+
+    @property
+    def _num_leaps(self) -> int:
+        """Velocities that a projection changes."""
+        return self.problem.robot.nv if self.pieces.algebraic.size > len(self.constraint_labels) else 0
 
     def motion_of(self, iterate: Iterate) -> Motion:
         """Motion of the joints that an iterate stands for."""
@@ -81,14 +103,18 @@ class ImplicitFormulation(JointFormulation):
         states = boundary_duals(self.programme, iterate)
         costates = tangent_duals(self.space, self.layout, iterate.xs[:, self.layout.z], states)
         return Duals(
-            lams=iterate.ys / dts,
-            zetas=active_values(problem, iterate.ms[:, self.layout.ndx :] / dts**2),
+            lams=self._impulses(iterate) / dts,
+            zetas=active_values(problem, iterate.ms[:, self.layout.ndx :][:, self._own_rows] / dts**2),
             states=states,
             costates=costates,
             mus=self._adjoints(iterate, motion, costates)
             if problem.scheme == "se1"
             else duals_of_momenta(problem.robot, motion.qs, motion.vs, costates),
         )
+
+    def _impulses(self, iterate: Iterate) -> Array:
+        steps = self.pieces.signature.steps
+        return steps.impulses_of(iterate.ys.T, len(self.constraint_labels)).T
 
     def _adjoints(self, iterate: Iterate, motion: Motion, costates: Array) -> Array:
         """mu_0 ... mu_N of SE1: the multipliers of the steps' rows (Box 1); the last follows from the end.
@@ -114,10 +140,12 @@ class ImplicitFormulation(JointFormulation):
         robot, nv, tau = self.problem.robot, self.problem.robot.nv, self.force_tau
         dts = fill_lengths(self.problem, motion.dts)
         q_taus, _ = self.evaluation_points(motion.qs, motion.vs, dts)
-        velocities = (1.0 - self.tau) * motion.vs[:-1] + self.tau * motion.vs[1:]
+        landed = motion.vs[1:].copy()
+        landed[:, : self._num_leaps] += iterate.ys[:, : self._num_leaps]
+        velocities = (1.0 - self.tau) * motion.vs[:-1] + self.tau * landed
         rows = self._row_duals(iterate)
         along = tau * duals.costates[:-1, :nv] + (1.0 - tau) * rows[:, :nv]
-        inertial = momenta_of(robot.model, q_taus, np.diff(motion.vs, axis=0) / dts[:, None])
+        inertial = momenta_of(robot.model, q_taus, (landed - motion.vs[:-1]) / dts[:, None])
         hamiltonians: Array = (
             stage_costs(self.programme, iterate) / dts
             + np.einsum("ni,ni->n", along, velocities)
@@ -127,3 +155,17 @@ class ImplicitFormulation(JointFormulation):
             residuals = np.array([robot.constraint_residual(q) for q in motion.qs[1:]])
             hamiltonians += np.einsum("ni,ni->n", duals.zetas[:, : robot.nc], residuals)
         return repeat_at_impacts(hamiltonians, self.problem.timeline.is_impact)
+
+
+def _leaps(nv: int, rows: int, dt: float) -> Algebraic:
+    """Leaps of velocities, impulses of steps and of projections; rows: balances, Phi / dt, and J v."""
+    step = impulses(rows, dt)
+    leaps, drifts = np.ones(nv), np.ones(rows)
+    is_leap = np.arange(nv + 2 * rows) < nv
+    return Algebraic(
+        scale_c=np.concatenate([leaps, step.scale_c, drifts]),
+        scale_y=np.concatenate([leaps, step.scale_y, step.scale_y]),
+        scale_m=np.concatenate([leaps, step.scale_m, step.scale_m]),
+        is_force=~is_leap,
+        is_balance=is_leap,
+    )

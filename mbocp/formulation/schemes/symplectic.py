@@ -50,7 +50,7 @@ class PartitionedSteps(Steps):
         """Second derivatives of a tree are dense, and those of each stage are its own."""
         return float(_OPERATIONS * nv**2 * PAIRS[self.scheme].num_stages)
 
-    def num_algebraic(self, mechanics: Mechanics) -> int:
+    def num_algebraic(self, mechanics: Mechanics, num_held: int) -> int:
         """The rates of the stages, then one impulse for each constraint at each stage."""
         return PAIRS[self.scheme].num_stages * (mechanics.nv + mechanics.nc)
 

@@ -33,7 +33,7 @@ class IntegratorTable(Table):
         Key(
             '`"auto"`: [what suits](#the-scheme-that-suits); '
             "[tau family](mathematics.md#one-step-the-tau-family): "
-            '`"se1"`, `"se2"`, `"midpoint"`, `"semi_implicit_euler"`; '
+            '`"se1"`, `"se2"`, `"midpoint"`, `"projected_midpoint"`, `"semi_implicit_euler"`; '
             "[of higher order](mathematics.md#symplectic-methods-of-higher-order): "
             '`"lobatto2"`, `"lobatto3"`, without loops `"gauss1"`, `"gauss2"`, `"gauss3"`, '
             '`"radau2"`, `"radau3"`; [explicit](#explicit-schemes): `"euler"`, `"heun"`, `"rk4"`, `"rkf5"`',
