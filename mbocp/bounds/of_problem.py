@@ -10,6 +10,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.bounds.durations import BY_FORCES, BY_FRAMES, least_duration
 from mbocp.bounds.task import BoundTask, windows_of
+from mbocp.integrators import SCHEMES, VELOCITY_TAU
 from mbocp.problem import Problem
 from mbocp.problem.coordinates import COORDINATES
 from mbocp.solution import Solution
@@ -139,7 +140,8 @@ def _holds_for_steps(problem: Problem) -> bool:
     Forces and jerks of steps are others than those of a continuous motion.
     """
     has_joint_states = COORDINATES[problem.coordinates].has_joint_states
-    is_linear = has_joint_states and problem.scheme == "midpoint"
+    scheme = problem.scheme
+    is_linear = has_joint_states and VELOCITY_TAU.get(scheme) == 0.5 and not SCHEMES[scheme].projects
     is_free = not problem.robot.nc  # steps of closed loops put them together again
     return is_linear and is_free and "j" not in problem.widest_limits.letters
 

@@ -23,7 +23,7 @@ from mbocp.terms.point import Point
 from tests.formulation.stages import check_derivatives
 from tests.holds.cases import CASES, arm, drone, pendulum
 
-SCHEMES = ("se1", "midpoint", "semi_implicit_euler")
+SCHEMES = ("se1", "midpoint", "projected_midpoint", "semi_implicit_euler")
 SHORT = {"semi_implicit_euler": {"duration": 0.1}}  # its damping is explicit: long steps swing up
 
 
@@ -38,7 +38,9 @@ def stage_by_stage(problem: Problem, u: float = 0.1) -> tuple[Formulation, np.nd
     native.x = xs.ravel()
     sweep = native.simulate(1e-12, 50)
     assert sweep.ok, sweep.failed_stage
-    return formulation, native.x.reshape(xs.shape), native.y.reshape(N, -1)
+    ys, rows = native.y.reshape(N, -1), len(formulation.constraint_labels)
+    impulses = formulation.pieces.signature.steps.impulses_of(ys.T, rows).T
+    return formulation, native.x.reshape(xs.shape), impulses
 
 
 def split(formulation: Formulation, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from mbocp.mechanics.held_frames import compute_held_jacobians
 from mbocp.robot import Robot, load_parts
 from tests.holds.cases import drone
 
-SCHEMES = ("se1", "midpoint")
+SCHEMES = ("se1", "midpoint", "projected_midpoint")
 COORDINATES = ("joint", "natural")
 
 
@@ -65,8 +66,9 @@ def slip_of(problem: Problem, s: Solution, node: int) -> float:
     return float(np.linalg.norm(ball - tip))
 
 
-@pytest.mark.parametrize("coordinates", COORDINATES)
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    ("scheme", "coordinates"), [*itertools.product(("se1", "midpoint"), COORDINATES), (SCHEMES[-1], "joint")]
+)
 def test_a_ball_leaves_with_the_velocity_of_the_hand(scheme: str, coordinates: str) -> None:
     problem = thrown(scheme, coordinates=coordinates)
     s = mbocp.solve(problem, check=True)
@@ -74,7 +76,8 @@ def test_a_ball_leaves_with_the_velocity_of_the_hand(scheme: str, coordinates: s
     assert (s.t[6], s.num_steps) == (s.t[7], 11)
     assert np.abs(s.qs[6] - s.qs[7]).max() < 1e-12
     assert slip_of(problem, s, 7) < 1e-9
-    assert slip_of(problem, s, 6) > 1e-4  # what the steps leave, and the parting takes out
+    # What the steps leave, and the parting takes out, but for steps that have done it themselves.
+    assert slip_of(problem, s, 6) < 1e-9 if scheme == "projected_midpoint" else slip_of(problem, s, 6) > 1e-4
     assert np.abs(s.lams[7:, -3:]).max() < 1e-12
 
 
