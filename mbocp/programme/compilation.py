@@ -13,6 +13,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import math
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import field
 from functools import cache, cached_property, lru_cache
@@ -34,6 +35,8 @@ from mbocp.programme.tapes import COMPILED, TAPES, Tapes, function_policy, is_ta
 
 if TYPE_CHECKING:
     from mbocp._native._kernel import StageFunction
+
+_SAFETY = 4.0  # of the estimate of a compiler's time, where a solve that has a deadline need not wait for it
 
 
 class NoCompilerWarning(UserWarning):
@@ -236,7 +239,7 @@ def load_functions(
         if compiles:
             _warn_no_compiler()
         return asked.as_tapes()
-    if not compiles and not asked.tapes.pay_compiling():
+    if not compiles and not (asked.tapes.pay_compiling() and asked.has_time_to_compile):
         return asked.as_tapes()
     return asked.compile(cc)
 
@@ -316,6 +319,11 @@ class _Request:
             with contextlib.suppress(OSError):
                 return self.place.tapes.functions
         return self.functions
+
+    @property
+    def has_time_to_compile(self) -> bool:
+        """Whether a compiler would end long before the deadline, by a rough estimate."""
+        return time.perf_counter() + _SAFETY * self.tapes.compiler_time < self.deadline
 
     def is_compiled_meanwhile(self) -> bool:
         """Whether a compiler has run beside the solves; one is started as soon as that pays."""

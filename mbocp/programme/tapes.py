@@ -120,8 +120,12 @@ class Tapes:
 
     def pay_compiling(self, executed: int = 0) -> bool:
         """Whether so many instructions, and those before, took as long as a compiler takes for all of it."""
-        taken = (self.executed_before + executed) * _INSTRUCTION
-        return taken >= _COMPILER + self.operations * _COMPILED_OPERATION
+        return (self.executed_before + executed) * _INSTRUCTION >= self.compiler_time
+
+    @property
+    def compiler_time(self) -> float:
+        """Time that a compiler takes, roughly [s]."""
+        return _COMPILER + self.operations * _COMPILED_OPERATION
 
     def count_instructions(self, executed: int) -> None:
         """Tell later processes how many instructions this one has executed, where that can be written."""

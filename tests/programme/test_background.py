@@ -248,6 +248,18 @@ def test_processes_that_called_tapes_for_long_let_the_next_one_compile(
         assert {path.suffix for path in folder.iterdir()} == suffixes
 
 
+def test_a_solve_that_would_run_out_of_time_goes_on_with_tapes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subprocess.run([sys.executable, "-c", CALLS], cwd=EXAMPLES.parent, check=True)
+    monkeypatch.setattr(tapes, "_INSTRUCTION", 1e9)
+    for compiler_time, has_library in ((1e6, False), (0.1, True)):
+        monkeypatch.setattr(tapes, "_COMPILER", compiler_time)
+        forget()
+        found = load_functions("key", never, deadline=time.perf_counter() + 60.0)
+        assert (found.library is not None) == has_library
+
+
 def test_few_instructions_do_not_pay() -> None:
     made = tapes.Tapes({}, operations=10_000, built={})
     assert not made.pay_compiling(10_000_000)

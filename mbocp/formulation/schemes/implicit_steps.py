@@ -37,14 +37,14 @@ class ImplicitSteps(Steps):
 
     def derivatives(self, symbols: StepSymbols) -> StepDerivatives:
         """Kinematics, momentum balance, memory and constraints, with exact first and second derivatives."""
-        at, mechanics, space, layout = symbols, symbols.mechanics, symbols.space, symbols.space.layout
-        dt, force = at.dt, at.given["force"]
+        at, space, layout = symbols, symbols.space, symbols.space.layout
+        force = at.given["force"]
         before = State(at.at0[layout.z], at.at0[layout.s])
         after = State(at.at1[layout.z], at.at1[layout.s])
         point, rows = self._write_rows(at, before, after)
         momentum = (1.0 / force) * rows.momentum
         c = ca.densify(ca.vertcat(rows.kinematic, momentum, at.memory_rows, at.own_rows, rows.constraint))
-        cost = at.running_cost(point.q, point.v, partial(mean_acceleration, mechanics, before, after, dt))
+        cost = self._write_cost(at, before, after, point)
         z = ca.vertcat(at.d1, at.y, at.d0, at.inputs)
         hessian, _ = ca.hessian(cost + ca.dot(at.m, c), z)
         derivatives = [c, cost, ca.jacobian(c, z), ca.jacobian(cost, z), ca.triu(hessian)]
@@ -53,6 +53,10 @@ class ImplicitSteps(Steps):
             [at.x0, at.x1], derivatives, others, [at.d0, at.d1]
         )
         return StepDerivatives(c, cost, dc_dz, dl_dz, hessian)
+
+    def _write_cost(self, at: StepSymbols, before: State, after: State, point: State) -> ca.SX:
+        acceleration = partial(mean_acceleration, at.mechanics, before, after, at.dt)
+        return at.running_cost(point.q, point.v, acceleration)
 
     def _write_rows(self, at: StepSymbols, before: State, after: State) -> tuple[State, StepRows]:
         """Where forces are evaluated, and the rows of the step."""
@@ -94,6 +98,12 @@ class ProjectedSteps(ImplicitSteps):
         """Sum of both."""
         first = unknowns.shape[0] - 2 * num_rows
         return unknowns[first : first + num_rows] + unknowns[first + num_rows :]
+
+    def _write_cost(self, at: StepSymbols, before: State, after: State, point: State) -> ca.SX:
+        """The mean of both ends: a mean velocity would not see what alternates from node to node."""
+        acceleration = partial(mean_acceleration, at.mechanics, before, after, at.dt)
+        first = at.running_cost(*before, acceleration, share=0.0)
+        return (first + at.running_cost(*after, acceleration, share=1.0)) / 2
 
     def _write_rows(self, at: StepSymbols, before: State, after: State) -> tuple[State, StepRows]:
         if not at.y.numel():
