@@ -11,6 +11,7 @@ import numpy as np
 from mbocp._arrays import Array, dataclass
 from mbocp.exceptions import InvalidValue, ProblemError
 from mbocp.integrators import CONTROLS, LIE_METHODS, SCHEMES, schemes_that
+from mbocp.integrators.schemes import PROJECTED
 from mbocp.problem._checks import check_choice, check_integer, check_number
 from mbocp.problem.contact_bounds import ContactBounds, forces_of_costs
 from mbocp.problem.contact_force import ContactForce
@@ -203,12 +204,12 @@ def choose_scheme(
     - contacts that are found: `se1`, under which velocities leap within a step, and settle;
     - controls that prescribe velocities, and rotation matrices, are for explicit schemes alone;
     - frames with equations at all nodes alternate under schemes that move by mean velocities: `se1`;
-    - natural coordinates, constraints that begin or end along the way, and bounds of their forces are for the
-      tau family alone, of which `midpoint` is of order two; of legs that step, velocities alternate under it
-      after impacts: `se1`;
+    - natural coordinates are for the tau family alone, of which `midpoint` is of order two;
+    - constraints that begin or end along the way, and bounds of forces of constraints, too. Across these,
+      velocities alternate under `midpoint`, and `se1` errs by a fifth of the way: `projected_midpoint`;
     - closed loops of links without masses, by which others divide: `midpoint`;
     - small closed loops: `lobatto3`, whose steps may be twice as long; larger ones, and those whose forces
-      have a cost, which asks for one of each in a step: `midpoint`;
+      have a cost, which asks for one of each in a step: `projected_midpoint`;
     - joints whose damping is stiff beside a step: `radau2`, or `se1` for large robots, under which velocities
       settle within it. Under others they ring, and Newton's matrix is singular to round-off;
     - floating bases and ball joints: `midpoint`. Their masses are the same in all poses, so that stages win
@@ -233,16 +234,15 @@ def choose_scheme(
         (bool(robot.drives), "rk4", "controls that prescribe velocities"),
         (robot.rotations == "dcm" and turns, "rk4", "rotation matrices"),
         (COORDINATES[coordinates].needs_constraints, "midpoint", f"{coordinates} coordinates"),
-        (has_switches and has_forces and turns, "se1", "contacts that begin or end along the way"),
-        (has_switches, "midpoint", "constraints that begin or end along the way"),
-        (has_forces, "midpoint", "bounds of contact forces"),
+        (has_switches, PROJECTED, "constraints that begin or end along the way"),
+        (has_forces, PROJECTED, "bounds of contact forces"),
         (not robot.nc and times > _STIFF, stiff_scheme, f"the damping of {stiff}, stiff beside a step"),
         (_lacks_masses(robot), "midpoint", "links without masses in closed loops"),
         (controls != "constant", "lobatto3" if robot.nc else "gauss2", "controls that vary within steps"),
         (_alternates(said_goal, said_path, ends), "se1", "equations on frames at all nodes"),
-        (has_cost, "midpoint", "costs of contact forces"),
+        (has_cost, PROJECTED, "costs of contact forces"),
         (robot.nc > 0 and robot.nv <= SMALL_LOOP, "lobatto3", "small closed loops"),
-        (robot.nc > 0, "midpoint", "closed loops of many joints"),
+        (robot.nc > 0, PROJECTED, "closed loops of many joints"),
         (turns, "midpoint", "a floating base or ball joints"),
         (robot.nv > _LONG_CHAIN, "midpoint", "a chain of many joints"),
         (True, "gauss2", "an open chain of joints"),

@@ -42,7 +42,7 @@ def heights(problem: Problem, qs: np.ndarray, name: str) -> np.ndarray:
 @pytest.mark.parametrize("name", ["trot", "jump"])
 def test_feet_stand_swing_and_land(name: str) -> None:
     problem = mbocp.load_problem(EXAMPLES / f"solo12_{name}.toml")
-    assert problem.scheme == "se1"  # chosen
+    assert problem.scheme == "projected_midpoint"  # chosen
     solution = mbocp.solve(problem, check=True)
     assert solution.limit_violation < 1e-8
     stands = {phase.name: {held.hold.name for held in phase.holds} for phase in problem.phase}
