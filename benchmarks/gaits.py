@@ -46,7 +46,7 @@ ROBOTS: Mapping[str, tuple[Mapping[str, str], float]] = {  # feet, and the weigh
 }
 
 
-def gait(name: str, number: int, robot_name: str = "solo12") -> Problem:
+def gait(name: str, number: int, robot_name: str = "solo12", scheme: str = "auto") -> Problem:
     """One motion; it depends on nothing but the gait, its number and the robot."""
     rng = np.random.default_rng([number, [*GAITS].index(name)])
     speed, heading, turn = rng.uniform([0.0, -np.pi, -_TURN], [_FASTEST, np.pi, _TURN])
@@ -62,13 +62,13 @@ def gait(name: str, number: int, robot_name: str = "solo12") -> Problem:
         goal={"v": 0, "q": goal},
         cost={"effort": 1.0, "velocity": weight * (_IN_FLIGHT if is_hop else 1.0)},
         limits={"effort": _LIMITS.get(robot_name, True), "position": True},
-        scheme="se1",
+        scheme=scheme,
     )
 
 
-def record_of(name: str, number: int, robot_name: str = "solo12") -> dict[str, Any]:
+def record_of(name: str, number: int, robot_name: str = "solo12", scheme: str = "auto") -> dict[str, Any]:
     """What came of a motion."""
-    problem = gait(name, number, robot_name)
+    problem = gait(name, number, robot_name, scheme)
     begun = time.process_time()
     solution = mbocp.solve(problem, time_limit=120.0)
     seconds = time.process_time() - begun
@@ -178,6 +178,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=50, help="of each gait")
     parser.add_argument("--markdown", action="store_true")
     parser.add_argument("--robot", choices=[*ROBOTS], default="solo12")
+    parser.add_argument("--scheme", default="auto")
     parser.add_argument("--gaits", nargs="+", choices=[*GAITS], default=[*GAITS])
     parser.add_argument("--cycles", nargs="*", choices=[*ROBOTS], metavar="ROBOT", help="of these, or of all")
     options = parser.parse_args()
@@ -187,7 +188,8 @@ def main() -> None:
             show(table, markdown=options.markdown)
         return
     records = {
-        name: [record_of(name, k, options.robot) for k in range(options.count)] for name in options.gaits
+        name: [record_of(name, k, options.robot, options.scheme) for k in range(options.count)]
+        for name in options.gaits
     }
     for table in (header(), gait_table(options.robot, records), judged_table(options.robot, records)):
         show(table, markdown=options.markdown)

@@ -11,8 +11,9 @@ import pinocchio as pin
 from tests.checker.implicit import ImplicitStep
 from tests.checker.system import Array, System
 
-__all__ = ["Stance", "Steps", "check_walk", "foot_jacobian", "foot_place", "outside_cone"]
+__all__ = ["PROJECTED", "Stance", "Steps", "check_walk", "foot_jacobian", "foot_place", "outside_cone"]
 
+PROJECTED = "projected_midpoint"
 _NO_TIME = 1e-12  # s
 _PARTS = 10  # of a step, between whose nodes feet are looked at
 
@@ -47,9 +48,9 @@ def check_walk(
         "dynamics", "impact": what no force of the feet balances, as a part of what cancels. "cone",
         "impulse": how far forces, and impulses where feet land, are outside the cone [weight, of impulses in
         a step], "parting": that of a last step, forces and impulses of the parting after it. "slip": speed of
-        feet that stand after an impact [m/s]. "stands", "below": how far feet are from where they landed, and
-        in the air below the ground [m]; "stands between", "below between": beside nodes, too, on geodesics
-        from node to node.
+        feet that stand after an impact or a projection [m/s]. "stands", "below": how far feet are from where
+        they landed, and in the air below the ground [m]; "stands between", "below between": beside nodes, too,
+        on geodesics from node to node.
     """
     found: dict[str, float] = {}
 
@@ -78,12 +79,21 @@ def check_walk(
                 else:
                     note("parting", outside_cone(forces + impulses / dts[n - 1], friction) / weight)
                 continue
-            step = ImplicitStep(system, scheme, float(dts[n]))
-            x0, x1 = np.concatenate([q0, v0]), np.concatenate([q1, v1])
+            projects = scheme == PROJECTED
+            step = ImplicitStep(system, "midpoint" if projects else scheme, float(dts[n]))
+            # A mean of velocities, and where the step goes, say with which it ends.
+            reached = 2.0 * system.away(q0, q1) / dts[n] - v0 if projects else v1
+            x0, x1 = np.concatenate([q0, v0]), np.concatenate([q1, reached])
             rows, sizes = (part[system.nv :] for part in step.rows(x0, x1, np.zeros(0), steps.us[n]))
             J = foot_jacobian(system, stance.feet, step.at(x0, x1)[0])
             forces = _forces(J, -rows / dts[n])
             note("dynamics", np.abs(rows + dts[n] * J.T @ forces).max() / sizes.max())
+            if projects:
+                lost, J = system.mass(q1) @ (v1 - reached), foot_jacobian(system, stance.feet, q1)
+                impulses = _forces(J, lost)
+                forces = forces + impulses / dts[n]
+                note("dynamics", np.abs(lost - J.T @ impulses).max() / sizes.max())
+                note("slip", np.abs(J @ v1).max(initial=0.0))
             if n + 1 == stance.last or dts[n + 1] > _NO_TIME:
                 note("cone", outside_cone(forces, friction) / weight)
             path = [system.step(q0, part * system.away(q0, q1)) for part in np.linspace(0, 1, _PARTS + 1)]

@@ -15,19 +15,20 @@ FEET = {foot: f"{foot}_FOOT" for foot in ("FL", "FR", "HL", "HR")}
 FRICTION, DT = 0.7, 0.2 / 12  # 1, [s]
 
 
-@pytest.fixture(scope="module")
-def trot() -> tuple[Problem, Solution]:
+@pytest.fixture(scope="module", params=["midpoint", "projected_midpoint"])
+def trot(request: pytest.FixtureRequest) -> tuple[Problem, Solution]:
     robot = mbocp.load_robot("solo12")
     q = np.array(robot.q0)
+    alternates = request.param == "midpoint"
     q[:2], q[3:7] = [0.08, 0.02], [0, 0, np.sin(0.1), np.cos(0.1)]
     problem = Problem.create(
         robot,
         gait={"swings": "trot", "cycles": 1, "duration": 0.2, "steps": 12},
         ground={"feet": FEET, "friction": FRICTION, "lift": 0.03},
         goal={"q": q, "v": 0},
-        cost={"effort": 1.0, "velocity": 0.01, "acceleration": 0.01 * DT**2 / 4},
+        cost={"effort": 1.0, "velocity": 0.01} | ({"acceleration": 0.01 * DT**2 / 4} if alternates else {}),
         limits={"effort": 2.7, "position": True},
-        scheme="midpoint",
+        scheme=request.param,
     )
     return problem, mbocp.solve(problem, check=True)
 
