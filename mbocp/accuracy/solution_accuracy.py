@@ -68,7 +68,7 @@ def with_accuracy(problem: Problem, solution: Solution, deadline: float) -> Solu
 def _judge(problem: Problem, solution: Solution, found: Accuracy) -> tuple[Status, str]:
     """Status and advice of a motion whose steps are known to be wrong by so much."""
     turns = {label.name for label in problem.robot.move_labels if label.unit == "rad"}
-    words = words_of_wrong_step(found.local_error, found.local_joint, found.local_time)
+    words = words_of_wrong_step(found.local_error, found.local_joint, found.local_time, solution.scheme)
     if not (found.local_error > TOLD_STEP and found.local_joint in turns):
         return solution.status, solution.advice
     if not (found.local_error > WRONG_STEP and solution.converged):

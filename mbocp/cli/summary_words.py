@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.text import Text
 
+from mbocp.integrators.schemes import what_errs_less
+
 if TYPE_CHECKING:
     from mbocp.solution import Accuracy, Solution
 
@@ -22,7 +24,7 @@ def coarse_words(solution: Solution) -> Text:
         return Text()
     words = (
         f"the errors of the steps are {_percent(found.share)} of the way of {found.way_joint}: a robot "
-        "under these controls moves otherwise; take more steps, or a scheme of higher order (see accuracy)"
+        f"under these controls moves otherwise; take {what_errs_less(solution.scheme)} (see accuracy)"
     )
     return Text(words, style="bold yellow")
 

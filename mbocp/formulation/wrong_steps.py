@@ -16,6 +16,7 @@ import numpy as np
 from mbocp._arrays import Array, IntArray
 from mbocp.formulation.motion import Motion
 from mbocp.integrators import SCHEMES
+from mbocp.integrators.schemes import what_errs_less
 from mbocp.problem import Problem
 from mbocp.problem.between_nodes import is_open
 from mbocp.problem.coordinates import COORDINATES
@@ -49,7 +50,8 @@ def describe_wrong_step(problem: Problem, motion: Motion) -> tuple[str, bool]:
     error, time = float(errors[step, worst]), float(motion.dts[: step + 1].sum())
     if not error > TOLD_STEP:
         return "", False
-    return words_of_wrong_step(error, problem.robot.v_labels[turns[worst]].name, time), error > WRONG_STEP
+    words = words_of_wrong_step(error, problem.robot.v_labels[turns[worst]].name, time, problem.scheme)
+    return words, error > WRONG_STEP
 
 
 def _errors(problem: Problem, motion: Motion) -> tuple[list[int], Array] | None:
@@ -94,10 +96,10 @@ def _follow(robot: Robot, motion: Motion, chosen: IntArray, parts: int) -> Array
     return np.abs(np.array(missed))
 
 
-def words_of_wrong_step(error: float, joint: str, time: float) -> str:
+def words_of_wrong_step(error: float, joint: str, time: float, scheme: str) -> str:
     """Say that the step to a time [s] is wrong by an error [rad] of a joint, and what to do about it."""
     wrong = f"{_BEGIN}{time:.4g} s is wrong by {error:.2g} rad at {joint}"
-    return f"{wrong}: take more steps, or a scheme of higher order"
+    return f"{wrong}: take {what_errs_less(scheme)}"
 
 
 def tells_wrong_step(advice: str) -> bool:

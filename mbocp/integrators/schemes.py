@@ -147,6 +147,15 @@ SCHEMES: Mapping[str, SchemeData] = MappingProxyType(
 )
 
 
+def what_errs_less(scheme: str) -> str:
+    """What to take where the steps of a scheme are too long for a motion."""
+    data = SCHEMES.get(scheme)
+    if data is not None and data.projects:
+        return "more steps"
+    one = f', as "{PROJECTED}"' if data is not None and data.takes_holds and data.order == 1 else ""
+    return f"more steps, or a scheme of higher order{one}"
+
+
 def schemes_that(does: Callable[[SchemeData], bool]) -> str:
     """Return the quoted names of the schemes of which something is true."""
     return ", ".join(f'"{name}"' for name, data in SCHEMES.items() if does(data))

@@ -49,8 +49,8 @@ def check_walk(
         "impulse": how far forces, and impulses where feet land, are outside the cone [weight, of impulses in
         a step], "parting": that of a last step, forces and impulses of the parting after it. "slip": speed of
         feet that stand after an impact or a projection [m/s]. "stands", "below": how far feet are from where
-        they landed, and in the air below the ground [m]; "stands between", "below between": beside nodes, too,
-        on geodesics from node to node.
+        they landed, and in the air below the ground [m]; "stands between", "below between": beside nodes,
+        too, on geodesics from node to node.
     """
     found: dict[str, float] = {}
 

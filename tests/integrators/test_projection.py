@@ -11,6 +11,7 @@ import pytest
 import mbocp
 from mbocp.formulation import formulate
 from mbocp.guesses import make_guess
+from mbocp.integrators.schemes import what_errs_less
 from mbocp.problem import Guess, Problem
 from tests.integrators.test_partitioned import slope_of_errors
 from tests.integrators.test_schemes import CASES, load
@@ -69,3 +70,9 @@ def test_velocities_of_optima_keep_to_the_constraints() -> None:
         across = [problem.robot.constraint_jacobian(q) @ v for q, v in zip(s.qs, s.vs, strict=True)]
         rates.append(np.abs(across).max())
     assert rates[1] < 1e-12 < 1e-5 < rates[0]
+
+
+def test_what_errs_less_names_a_scheme_that_takes_holds() -> None:
+    assert SCHEME in what_errs_less("se1")
+    assert "order" in what_errs_less("gauss2")
+    assert what_errs_less(SCHEME) == "more steps"
