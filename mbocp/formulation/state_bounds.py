@@ -18,7 +18,9 @@ import numpy as np
 from mbocp._arrays import Array, BoolArray
 from mbocp.exceptions import ProblemError
 from mbocp.formulation.features.feature import Feature, infinite_bounds, join
+from mbocp.formulation.layout import StateLayout
 from mbocp.formulation.pieces import Pieces
+from mbocp.integrators import SCHEMES
 from mbocp.problem import PathConstraint, Problem
 from mbocp.problem.found_parameter import Tube
 from mbocp.programme import StagewiseProgramme, StateBounds
@@ -47,17 +49,36 @@ def state_bounds(pieces: Pieces) -> StateBounds:
     lower[:, at.s], upper[:, at.s] = pieces.speed_bounds
     for name, sides in of_blocks.items():
         lower[:, at.states[name]], upper[:, at.states[name]] = sides
+    lower, upper = (np.array(np.broadcast_to(side, (N, at.nx))) for side in (lower, upper))
+    repeats = _repeats(problem, at, lower, upper)
+    lower[repeats], upper[repeats] = -np.inf, np.inf
     u_lower, u_upper = _control_bounds(problem, features)
     inner = [constraint.inner_bounds for constraint in problem.inequalities]
     path_lower, path_upper = _at_nodes(problem, inner, is_inner=True)
     return StateBounds(
-        x_lower=np.broadcast_to(lower, (N, at.nx)),
-        x_upper=np.broadcast_to(upper, (N, at.nx)),
+        x_lower=lower,
+        x_upper=upper,
         u_lower=u_lower,
         u_upper=u_upper,
         path_lower=path_lower,
         path_upper=path_upper,
     )
+
+
+def _repeats(problem: Problem, at: StateLayout, lower: Array, upper: Array) -> BoolArray:
+    """Bounds that those of the node before say already, shape (N, nx): both at once would be dependent.
+
+    Impacts leave the configuration, and partings velocities that are projected.
+    """
+    found, table = np.zeros(lower.shape, dtype=np.bool_), problem.timeline.switches
+    if table is None:
+        return found
+    is_same = np.zeros(lower.shape, dtype=np.bool_)
+    is_same[table.is_impact, at.z] = True
+    if SCHEMES[problem.scheme].projects:
+        is_same[table.is_parting, at.s] = True
+    found[1:] = is_same[1:] & (lower[1:] <= lower[:-1]) & (upper[1:] >= upper[:-1])
+    return found
 
 
 def _ends_at_limits(problem: Problem) -> BoolArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from mbocp.mechanics.held_frames import compute_held_jacobians
 from mbocp.robot import Robot, load_parts
 from tests.holds.cases import drone
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SCHEMES = ("se1", "midpoint", "projected_midpoint")
 COORDINATES = ("joint", "natural")
 
@@ -163,3 +165,18 @@ def test_other_numbers_compile_nothing_anew() -> None:
     found = [formulate(problem).programme.functions for problem in (one, other)]
     assert found[0].tapes.held == found[1].tapes.held
     assert found[0].library == found[1].library
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_bounds_that_a_parting_repeats_are_left_out(scheme: str) -> None:
+    """It leaves configurations, and velocities that are projected before: two bounds on one number."""
+    settings = [f'integrator.scheme="{scheme}"', "limits.position=true"]
+    formulation = formulate(mbocp.load_problem(EXAMPLES / "arms/throw_into_bucket.toml", settings))
+    bounds, at = formulation.programme.bounds, formulation.layout
+    (step,) = np.flatnonzero(formulation.problem.timeline.is_impact)
+    is_bound = np.isfinite(bounds.x_upper)
+    assert is_bound[step - 1, at.z].any()
+    assert not is_bound[step, at.z].any()
+    assert is_bound[step - 1, at.s].any()
+    assert is_bound[step, at.s].any() == (scheme != "projected_midpoint")
+    assert is_bound[step + 1].sum() == is_bound[step - 1].sum()
