@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 BEFORE_A_RESULT = "stopped before there was a result"
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SOON = 1e-3  # [s]
 _received: list[int] = []  # signals belong to the process, and so does what came in
 
 
@@ -42,7 +43,8 @@ def leave_in_order() -> None:
         if signal.getsignal(number) is _leave:
             signal.signal(number, _raise)
             signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python does: who writes sees it
-            sys.unraisablehook = _raise_again
+            sys.unraisablehook = _raise_later
+            signal.signal(signal.SIGALRM, _raise)
 
 
 def status_of_signal() -> int:
@@ -65,9 +67,9 @@ def _raise(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _raise_again(unraisable: sys.UnraisableHookArgs) -> None:
-    """Say what was raised where nothing can be; an interruption comes back where it can."""
+def _raise_later(unraisable: sys.UnraisableHookArgs) -> None:
+    """Say what was raised where nothing can be; an interruption comes back when that is over."""
     if isinstance(unraisable.exc_value, KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
+        signal.setitimer(signal.ITIMER_REAL, _SOON)
     else:
         sys.__unraisablehook__(unraisable)

@@ -191,3 +191,28 @@ def test_handlers_stand_before_anything_takes_time(tmp_path: Path) -> None:
     found = set(done.stdout.split())
     assert {name for name in found if name.startswith("mbocp")} == {"mbocp", "mbocp.cli", "mbocp.cli.signals"}
     assert not found & {"typing", "typer", "numpy", "rich", "pathlib"}
+
+
+WHERE_NOTHING_CAN_BE_RAISED = """
+import os, signal, time
+from mbocp.cli.signals import leave_at_once, leave_in_order, status_of_signal
+class Dies:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+leave_at_once()
+leave_in_order()
+one = Dies()
+try:
+    del one
+    time.sleep(60.0)
+except KeyboardInterrupt:
+    print("caught", status_of_signal())
+"""
+
+
+def test_a_signal_where_nothing_can_be_raised_comes_back() -> None:
+    """As in a finalizer: the interpreter would print what was raised there, and go on."""
+    done = subprocess.run(
+        [sys.executable, "-c", WHERE_NOTHING_CAN_BE_RAISED], capture_output=True, text=True, timeout=30.0
+    )
+    assert (done.stdout, done.stderr) == (f"caught {128 + signal.SIGTERM}\n", "")
