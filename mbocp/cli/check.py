@@ -79,14 +79,14 @@ def _print_findings(file: Path, settings: Sequence[str], page: Path | None) -> i
 
 
 def _rows(problem: Problem) -> _Rows:
-    from mbocp.cli.solution_summary import cause_rows, inertia_words, robot_words
+    from mbocp.cli.solution_summary import cause_rows, count_impacts, inertia_words, robot_words
     from mbocp.problem.reasons.causes import causes_of
     from mbocp.robot.robot_facts import describe, find_oddities
 
     robot = problem.robot
     rows: _Rows = [
         ("robot", robot_words(robot.name, robot.nv, robot.nu, robot.nc)),
-        ("horizon", _horizon(problem)),
+        ("horizon", _horizon(problem, count_impacts(len(problem.timeline.impacts)))),
         ("start", _configuration(robot, problem.q_start)),
         *_goal(problem),
         *_limits(problem),
@@ -101,13 +101,14 @@ def _rows(problem: Problem) -> _Rows:
     return [*rows, *(("file", Text(words, style="yellow")) for words in odd)]
 
 
-def _horizon(problem: Problem) -> str:
+def _horizon(problem: Problem, impacts: str) -> str:
     T = f"{problem.duration:g} s"
     if problem.duration_range is not None:
         T = f"between {problem.duration_range[0]:g} and {problem.duration_range[1]:g} s"
     how = {"linear": ", controls linear", "stages": ", controls at its stages"}.get(problem.controls, "")
     why = f", chosen for {problem.scheme_reason}" if problem.chooses_scheme else ""
-    return f"{T} in {problem.num_steps} steps by scheme {problem.scheme}{why}{how}"
+    steps = f"{problem.timeline.num_timed_steps} steps{impacts}"
+    return f"{T} in {steps} by scheme {problem.scheme}{why}{how}"
 
 
 def _configuration(robot: Robot, q: Array, shown: BoolArray | None = None) -> str:

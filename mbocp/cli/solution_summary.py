@@ -177,8 +177,12 @@ def _steps(solution: Solution) -> str:
     words = f"{lengths.min():.4g} to {lengths.max():.4g} s"
     if np.ptp(lengths) <= _SAME * mean:
         words = f"{mean:.4g} s"
-    told = f" and {leaps} impact{'s' * (leaps > 1)}" if leaps else ""
-    return f"{len(lengths)} steps of {words}{told}"
+    return f"{len(lengths)} steps of {words}{count_impacts(leaps)}"
+
+
+def count_impacts(number: int) -> str:
+    """What steps without duration add to the others, in words."""
+    return f" and {count(number, 'impact')}" if number else ""
 
 
 def _via(solution: Solution) -> str:

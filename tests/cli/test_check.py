@@ -54,6 +54,12 @@ def test_it_says_what_would_be_solved_and_draws_it(run, tmp_path):
     assert any("/ghost_0/" in path for path in drawn)
 
 
+def test_impacts_are_no_steps(run: Any) -> None:
+    """As in what a solve says."""
+    done = run("check", str(EXAMPLES / "arms" / "throw_into_bucket.toml"))
+    assert "1.8 s in 45 steps and 1 impact by" in done.stdout
+
+
 def checked(run: Any, file: Any, *words: str) -> dict[str, Any]:
     done = run("check", str(file), "--json", *words)
     found: dict[str, Any] = json.loads(done.stdout)
